@@ -1,0 +1,66 @@
+"""albedo: directional albedos of reflectance models, with an error bound on every number.
+
+    >>> import albedo
+    >>> ward = albedo.model("ward", m=0.1)
+    >>> print(albedo.directional_albedo(ward, cos_theta=0.5))  # doctest: +SKIP
+    0.862378...(2) [bound]
+
+Importing this package compiles nothing; what is heavy is imported where it is used.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+_HOME = {
+    "model": "albedo.catalogue",
+    "models": "albedo.catalogue",
+    "model_from": "albedo.user",
+    "directional_albedo": "albedo.quadrature",
+    "average_albedo": "albedo.averages",
+    "table": "albedo.tables",
+    "Estimate": "albedo.estimate",
+    "Model": "albedo.brdf",
+    "InputError": "albedo.errors",
+    "DivergenceError": "albedo.errors",
+    "ConvergenceWarning": "albedo.errors",
+}
+
+if TYPE_CHECKING:
+    from albedo.averages import average_albedo
+    from albedo.brdf import Model
+    from albedo.catalogue import model, models
+    from albedo.errors import ConvergenceWarning, DivergenceError, InputError
+    from albedo.estimate import Estimate
+    from albedo.quadrature import directional_albedo
+    from albedo.tables import table
+    from albedo.user import model_from
+
+__all__ = [
+    "ConvergenceWarning",
+    "DivergenceError",
+    "Estimate",
+    "InputError",
+    "Model",
+    "average_albedo",
+    "directional_albedo",
+    "model",
+    "model_from",
+    "models",
+    "table",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOME:
+        value = getattr(import_module(_HOME[name]), name)
+        globals()[name] = value
+        return value
+    raise AttributeError(f"module 'albedo' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_HOME])

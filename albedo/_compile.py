@@ -1,0 +1,65 @@
+"""The one room that knows numba: how kernels are compiled and where the machine code is kept.
+
+numba finds a stale cache fresh when only a helper in another file was edited (numba issue 1833),
+so the cache folder is named by a digest of all sources that a kernel may be built from.
+``error_model="numpy"`` spares a branch at each division, ``nogil`` lets threads share the work,
+``fastmath`` stays off because it would let NaN checks vanish.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numba
+
+PACKAGE = Path(__file__).resolve().parent
+
+
+def cache_root() -> Path:
+    """Folder that holds compiled kernels: ``ALBEDO_CACHE_DIR``, or the user's cache folder."""
+    if chosen := os.environ.get("ALBEDO_CACHE_DIR"):
+        return Path(chosen)
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(base) / "albedo"
+
+
+@lru_cache(maxsize=None)
+def digest(*folders: Path) -> str:
+    """Hexadecimal digest of every Python source below the folders, and of numba's version."""
+    sha = hashlib.sha256(numba.__version__.encode())
+    for folder in folders:
+        for source in sorted(folder.rglob("*.py")):
+            sha.update(str(source.relative_to(folder)).encode())
+            sha.update(source.read_bytes())
+    return sha.hexdigest()[:16]
+
+
+def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile a function of arrays or numbers with numba, and keep the machine code on disk.
+
+    Parameters
+    ----------
+    function : callable
+        A function that numba can compile. When it lives outside this package, the sources in
+        its own folder count for the freshness of the cache too.
+
+    Returns
+    -------
+    callable
+        The compiled function; ``.py_func`` is the plain Python one.
+    """
+    home = Path(function.__code__.co_filename).resolve()
+    inside = home.is_relative_to(PACKAGE)
+    folders = (PACKAGE,) if inside or not home.is_file() else (PACKAGE, home.parent)
+    # numba reads this setting when a function is decorated: set it for this one only.
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(cache_root() / digest(*folders))
+    try:
+        return numba.njit(cache=home.is_file(), nogil=True, error_model="numpy")(function)
+    finally:
+        numba.config.CACHE_DIR = before

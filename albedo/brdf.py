@@ -1,0 +1,318 @@
+"""What a reflectance model is: parameters as data, kernels on arrays, promises that tests hold.
+
+A model is one class in one file of ``albedo/catalogue/``. It declares its parameters, packs what
+its kernels need into a row of numbers, and lists its *parts*: each part is a kernel in 1/sr with
+the chart in which its lobe is wide and smooth. Everything else (albedo, tables, command line,
+plots, tests) reads these declarations.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from albedo.directions import half_vector, unit_vectors
+from albedo.errors import InputError
+
+Kernel = Callable[..., Any]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A declared parameter: reading it on a model gives the value of that model."""
+
+    default: Any
+    doc: str
+    unit: str = "1"
+    name: str = field(default="", init=False, compare=False)
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        object.__setattr__(self, "name", name)
+
+    def __get__(self, model: Model | None, owner: type) -> Any:
+        return self if model is None else model.parameters[self.name]
+
+    @property
+    def range_text(self) -> str:
+        """What is allowed, in words."""
+        raise TypeError(f"{type(self).__name__} must say what it allows")
+
+    def check(self, model: str, value: Any) -> Any:
+        """Return the value that is stored, or raise InputError."""
+        raise TypeError(f"{type(self).__name__} must check its values")
+
+
+@dataclass(frozen=True)
+class Real(Parameter):
+    """A real parameter in a closed interval, open below when `open_low`."""
+
+    low: float = 0.0
+    high: float = math.inf
+    open_low: bool = False
+
+    @property
+    def range_text(self) -> str:
+        """The interval, such as ``(0, 10]``."""
+        left = "(" if self.open_low or self.low == -math.inf else "["
+        right = ")" if self.high == math.inf else "]"
+        return f"{left}{self.low:g}, {self.high:g}{right}"
+
+    def check(self, model: str, value: Any) -> float:
+        """A finite float in range."""
+        if isinstance(value, str | bool) or np.ndim(value) != 0:
+            raise InputError(f"{model}: {self.name} = {value!r} is not a number; {self._allowed}")
+        if np.iscomplexobj(value):
+            raise InputError(f"{model}: {self.name} = {value} is complex; {self._allowed}")
+        try:
+            number = float(value)
+        except (TypeError, ValueError):
+            raise InputError(
+                f"{model}: {self.name} = {value!r} is not a number; {self._allowed}"
+            ) from None
+        if not (self.low <= number <= self.high) or math.isinf(number):
+            raise InputError(f"{model}: {self.name} = {number:g} is out of range; {self._allowed}")
+        if self.open_low and number == self.low:
+            raise InputError(f"{model}: {self.name} = {number:g} is out of range; {self._allowed}")
+        return number
+
+    @property
+    def _allowed(self) -> str:
+        return f"it must lie in {self.range_text}"
+
+
+@dataclass(frozen=True)
+class Choice(Parameter):
+    """A parameter that is one of a few words."""
+
+    choices: tuple[str, ...] = ()
+
+    @property
+    def range_text(self) -> str:
+        """The words, separated by bars."""
+        return " | ".join(self.choices)
+
+    def check(self, model: str, value: Any) -> str:
+        """One of the words."""
+        if value not in self.choices:
+            raise InputError(
+                f"{model}: {self.name} = {value!r} is unknown; choose one of "
+                + ", ".join(self.choices)
+            )
+        return str(value)
+
+
+@dataclass(frozen=True)
+class Alias(Parameter):
+    """A second name that sets one or more parameters to the same value."""
+
+    targets: tuple[str, ...] = ()
+
+    @property
+    def range_text(self) -> str:
+        """What it sets."""
+        return "sets " + " and ".join(self.targets)
+
+    def __get__(self, model: Model | None, owner: type) -> Any:
+        if model is None:
+            return self
+        values = {model.parameters[t] for t in self.targets}
+        if len(values) > 1:
+            raise AttributeError(
+                f"{model.spec} has no single {self.name}: {', '.join(self.targets)} differ"
+            )
+        return values.pop()
+
+
+@dataclass(frozen=True)
+class Part:
+    """One lobe of a model: a kernel, and the chart in which it is wide and smooth.
+
+    Attributes
+    ----------
+    name : str
+        What the part is, such as ``specular``.
+    fill : callable
+        ``fill(wi, wo, h, p, out)``: wi (3, rows), wo and h (3, rows, columns), p (rows, k) the
+        packed parameters, out (rows, columns) the values in 1/sr. All in wo.z > 0.
+    chart : object
+        A chart of `albedo.charts`.
+    widths : tuple of float
+        Widths of the lobe along x and y in the radial coordinate of the chart, radians.
+    loss : callable, optional
+        Like `fill`, but the energy per solid angle that a *unit* integral over the chart
+        ``loss_chart`` loses: 1 - albedo without cancellation.
+    loss_chart : object, optional
+        Chart of the domain of the unit integral.
+    """
+
+    name: str
+    fill: Kernel
+    chart: Any
+    widths: tuple[float, float] = (1.0, 1.0)
+    loss: Kernel | None = None
+    loss_chart: Any = None
+
+
+class Model:
+    """A reflectance model with its parameters fixed; immutable, comparable, hashable.
+
+    Subclasses declare `Parameter` attributes and implement `pack` and `parts`; the class
+    attributes below state what the model promises, and the tests hold it to that.
+    """
+
+    name: ClassVar[str] = ""
+    title: ClassVar[str] = ""
+    equation: ClassVar[str] = ""
+    references: ClassVar[tuple[str, ...]] = ()
+    reciprocal: bool = True
+    conserves_energy: bool = True
+    grazing_limit: bool = True
+    """Whether the albedo has a finite limit at cos_theta = 0."""
+
+    resolved_width: float | None = None
+    """Feature width down to which a bound holds, when nothing finer is declared (radians)."""
+
+    _declared: ClassVar[dict[str, Parameter]] = {}
+    parameters: Mapping[str, Any]
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        own = {k: v for k, v in vars(cls).items() if isinstance(v, Parameter)}
+        cls._declared = {**cls._declared, **own}
+
+    def __init__(self, **values: Any) -> None:
+        values_in = dict(values)
+        names = list(self._declared)
+        for key in values_in:
+            if key not in self._declared:
+                listing = ", ".join(names) or "none"
+                raise InputError(f"{self.name} has no parameter {key!r}; it has {listing}")
+        for key, declared in self._declared.items():
+            if isinstance(declared, Alias) and key in values_in:
+                value = values_in.pop(key)
+                for target in declared.targets:
+                    if target in values_in:
+                        raise InputError(f"{self.name}: give either {key} or {target}, not both")
+                    values_in[target] = value
+        stored = {
+            key: declared.check(self.name, values_in.get(key, declared.default))
+            for key, declared in self._declared.items()
+            if not isinstance(declared, Alias)
+        }
+        used = self.used(stored)
+        for key in values_in:
+            if key not in used:
+                raise InputError(
+                    f"{self.name} does not use {key} with these choices; it uses {', '.join(used)}"
+                )
+        object.__setattr__(self, "parameters", {k: stored[k] for k in stored if k in used})
+
+    def __setattr__(self, key: str, value: Any) -> None:
+        raise AttributeError(f"{self.name} is frozen; use .replace({key}=...) for a changed copy")
+
+    def __eq__(self, other: object) -> bool:
+        return type(self) is type(other) and self.parameters == other.parameters  # type: ignore[attr-defined]
+
+    def __hash__(self) -> int:
+        return hash((type(self), tuple(self.parameters.items())))
+
+    def __repr__(self) -> str:
+        return f"<albedo model {self.spec}>"
+
+    @classmethod
+    def parameter_info(cls) -> tuple[Parameter, ...]:
+        """The declared parameters, aliases included, in order."""
+        return tuple(cls._declared.values())
+
+    def used(self, values: Mapping[str, Any]) -> tuple[str, ...]:
+        """Names of the parameters that matter for this choice of values; all, by default."""
+        return tuple(values)
+
+    def replace(self, **values: Any) -> Model:
+        """A copy with some parameters changed (aliases allowed)."""
+        kept = dict(self.parameters)
+        for key in values:
+            declared = self._declared.get(key)
+            for target in declared.targets if isinstance(declared, Alias) else (key,):
+                kept.pop(target, None)
+        return type(self)(**kept, **values)
+
+    @property
+    def spec(self) -> str:
+        """The model in the one grammar of the workbench, such as ``ward:alpha_x=0.1,...``."""
+        words = [
+            f"{k}={v!r}" if isinstance(v, float) else f"{k}={v}"
+            for k, v in self.parameters.items()
+        ]
+        return self.name + (":" + ",".join(words) if words else "")
+
+    @property
+    def isotropic(self) -> bool:
+        """Whether a common rotation of both directions about the normal changes nothing."""
+        return True
+
+    def pack(self) -> tuple[float, ...]:
+        """The numbers that the kernels of all parts read."""
+        raise TypeError(f"{type(self).__name__} must implement pack()")
+
+    def parts(self) -> tuple[Part, ...]:
+        """The lobes that sum to the finite part of the model."""
+        raise TypeError(f"{type(self).__name__} must implement parts()")
+
+    def spikes(self, wi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Dirac parts: directions (k, n, 3) and weights (k, n) for light directions (n, 3).
+
+        A weight is the share of the incident energy that leaves in exactly that direction.
+        """
+        return np.empty((0, len(wi), 3)), np.empty((0, len(wi)))
+
+    def grazing_albedo(self) -> float | None:
+        """The limit of the albedo at cos_theta = 0 where it is known in closed form."""
+        return None
+
+    def eval(self, wi: ArrayLike, wo: ArrayLike) -> np.ndarray:
+        """The finite part of the BRDF, in 1/sr.
+
+        Parameters
+        ----------
+        wi, wo : array_like, shape (..., 3)
+            Unit vectors to the light and to the viewer; leading axes broadcast.
+
+        Returns
+        -------
+        ndarray, shape (...)
+            Values in 1/sr; 0 where either direction is not above the horizon.
+
+        Raises
+        ------
+        InputError
+            When an input is not an array of finite unit vectors, or shapes do not broadcast.
+        """
+        light, view = unit_vectors(wi, "wi"), unit_vectors(wo, "wo")
+        try:
+            light, view = np.broadcast_arrays(light, view)
+        except ValueError:
+            raise InputError(
+                f"wi of shape {light.shape} and wo of shape {view.shape} do not broadcast"
+            ) from None
+        shape = light.shape[:-1]
+        light, view = light.reshape(-1, 3), view.reshape(-1, 3)
+        above = (light[:, 2] > 0) & (view[:, 2] > 0)
+        total = np.zeros(len(light))
+        if np.any(above):
+            half = half_vector(light[above], view[above])
+            count = int(above.sum())
+            wi_k = np.ascontiguousarray(light[above].T)
+            wo_k = np.ascontiguousarray(view[above].T).reshape(3, count, 1)
+            h_k = np.ascontiguousarray(half.T).reshape(3, count, 1)
+            p = np.tile(np.array(self.pack(), dtype=np.float64), (count, 1))
+            for part in self.parts():
+                out = np.empty((count, 1))
+                part.fill(wi_k, wo_k, h_k, p, out)
+                total[above] += out[:, 0]
+        return total.reshape(shape)

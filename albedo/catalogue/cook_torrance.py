@@ -1,0 +1,197 @@
+"""Cook and Torrance 1982: microfacets with a distribution, a masking function and Fresnel."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from albedo._compile import kernel
+from albedo.brdf import Alias, Choice, Model, Part, Real
+from albedo.charts.polar import PolarChart
+from albedo.errors import InputError
+from albedo.fresnel import CODES, fresnel
+from albedo.geometry import v_dot_h
+from albedo.microfacet import DISTRIBUTIONS, GEOMETRIES, distribution, smith_lambda, v_cavity
+
+
+@kernel
+def fill(wi, wo, h, p, out):
+    """f = F(v.h) D(h) G(l, v, h) / (4 n.l n.v)."""
+    for j in range(out.shape[0]):
+        lx, ly, lz = wi[0, j], wi[1, j], wi[2, j]
+        dist, geometry, ax, ay, scale = int(p[j, 0]), int(p[j, 1]), p[j, 2], p[j, 3], p[j, 4]
+        f_code, f_a, f_b, prefactor = int(p[j, 5]), p[j, 6], p[j, 7], p[j, 8]
+        lambda_l = smith_lambda(dist, ax, ay, lx, ly, lz) if geometry >= 2 else 0.0
+        for i in range(out.shape[1]):
+            vz = wo[2, j, i]
+            if vz <= 0.0:
+                out[j, i] = 0.0
+                continue
+            hx, hy, hz = h[0, j, i], h[1, j, i], h[2, j, i]
+            u = v_dot_h(hx, hy, hz)
+            d = distribution(dist, ax, ay, scale, hx / hz, hy / hz)
+            g = 1.0
+            if geometry == 1:
+                g = v_cavity(0.5 * hz / u, lz, vz, u)
+            elif geometry >= 2:
+                lambda_v = smith_lambda(dist, ax, ay, wo[0, j, i], wo[1, j, i], vz)
+                g = 1.0 / (1.0 + lambda_l + lambda_v)
+                if geometry == 2:
+                    g = 1.0 / ((1.0 + lambda_l) * (1.0 + lambda_v))
+            out[j, i] = prefactor * fresnel(f_code, f_a, f_b, u) * d * g / (lz * vz)
+
+
+@kernel
+def loss(wi, wo, h, p, out):
+    """D (G1(l) - F G2(l, v)) / (4 n.l): what the weak white furnace integral of 1 loses."""
+    for j in range(out.shape[0]):
+        lx, ly, lz = wi[0, j], wi[1, j], wi[2, j]
+        dist, geometry, ax, ay, scale = int(p[j, 0]), int(p[j, 1]), p[j, 2], p[j, 3], p[j, 4]
+        f_code, f_a, f_b = int(p[j, 5]), p[j, 6], p[j, 7]
+        lambda_l = smith_lambda(dist, ax, ay, lx, ly, lz) if geometry >= 2 else 0.0
+        for i in range(out.shape[1]):
+            hx, hy, hz, vz = h[0, j, i], h[1, j, i], h[2, j, i], wo[2, j, i]
+            u = v_dot_h(hx, hy, hz)
+            n_dot_h = 0.5 * hz / u
+            g1 = 1.0 / (1.0 + lambda_l)
+            if geometry == 1:
+                g1 = min(1.0, 2.0 * n_dot_h * lz / u)
+            g2, lost = 0.0, g1
+            if vz > 0.0 and geometry == 1:
+                g2 = v_cavity(n_dot_h, lz, vz, u)
+                lost = g1 - g2
+            elif vz > 0.0:
+                lambda_v = smith_lambda(dist, ax, ay, wo[0, j, i], wo[1, j, i], vz)
+                rest = 1.0 + lambda_v + (lambda_l if geometry == 3 else 0.0)
+                g2 = 1.0 / rest if geometry == 3 else g1 / rest
+                lost = g1 * lambda_v / rest
+            absorbed = (1.0 - fresnel(f_code, f_a, f_b, u)) * g2
+            d = distribution(dist, ax, ay, scale, hx / hz, hy / hz)
+            out[j, i] = d * (lost + absorbed) / (4.0 * lz)
+
+
+@lru_cache(maxsize=4096)
+def gaussian_scale(m: float) -> float:
+    """1 / (2 pi int exp(-t^2/m^2) cos t sin t dt), Gauss-Legendre in t = m s."""
+    x, w = np.polynomial.legendre.leggauss(64)
+    top = min(0.5 * math.pi, 8.0 * m)
+    t = 0.5 * top * (x + 1.0)
+    integral = float(np.sum(0.5 * top * w * np.exp(-((t / m) ** 2)) * np.cos(t) * np.sin(t)))
+    return 1.0 / (2.0 * math.pi * integral)
+
+
+_WIDTHS = ("beckmann", "ggx", "gaussian")
+
+
+class CookTorrance(Model):
+    """f = F(v.h) D(h) G(l, v, h) / (4 n.l n.v) (Cook and Torrance 1982; NNS eqs. 9 and 10).
+
+    ``prefactor="1/pi"`` is the 1982 text, F/pi with the un-normalised D = exp(-tan^2/m^2)/(m^2
+    cos^4): four times as bright. ``geometry="none"`` is G = 1, which NNS eq. 12 puts in G's
+    place. `smith` uses the exact masking of beckmann and ggx; the other distributions borrow
+    beckmann's of the same slope.
+    """
+
+    name = "cook_torrance"
+    title = "Cook-Torrance microfacets"
+    equation = "NNS eqs. 9, 10; Schwenk eqs. 33 to 39"
+    references = ("cook1982", "walter2007", "neumann_pumping", "schwenk2011")
+
+    alpha_x = Real(0.1, "roughness along the tangent, sqrt(2) x rms slope", low=1e-8, high=10.0)
+    alpha_y = Real(0.1, "roughness along the bitangent", low=1e-8, high=10.0)
+    m = Alias(None, "isotropic roughness", targets=("alpha_x", "alpha_y"))
+    n_u = Real(200.0, "exponent along the tangent", low=0.0, high=1e9)
+    n_v = Real(200.0, "exponent along the bitangent", low=0.0, high=1e9)
+    n = Alias(None, "isotropic exponent", targets=("n_u", "n_v"))
+    distribution = Choice("beckmann", "distribution D", choices=tuple(DISTRIBUTIONS))
+    geometry = Choice("v_cavity", "masking-shadowing G", choices=tuple(GEOMETRIES))
+    fresnel = Choice("white", "Fresnel factor F", choices=tuple(CODES))
+    f0 = Real(0.04, "schlick: reflectance at normal incidence", low=0.0, high=1.0)
+    ior = Real(1.5, "dielectric, conductor: relative index of refraction", low=1e-3, high=100.0)
+    k = Real(3.0, "conductor: extinction coefficient", low=0.0, high=100.0)
+    prefactor = Choice("1/4", "modern form, or the text of 1982", choices=("1/4", "1/pi"))
+
+    def used(self, values: Mapping[str, Any]) -> tuple[str, ...]:
+        sharp = ("alpha_x", "alpha_y") if values["distribution"] in _WIDTHS else ("n_u", "n_v")
+        index = {"white": (), "schlick": ("f0",), "dielectric": ("ior",), "conductor": ("ior", "k")}
+        return (
+            *sharp,
+            *("distribution", "geometry", "fresnel"),
+            *index[values["fresnel"]],
+            "prefactor",
+        )
+
+    def __init__(self, **values: Any) -> None:
+        super().__init__(**values)
+        ax, ay = self._sharpness
+        if ax != ay and self.distribution in ("gaussian", "blinn_phong"):
+            raise InputError(
+                f"cook_torrance: {self.distribution} is isotropic; give one value, not {ax:g} and "
+                f"{ay:g}"
+            )
+
+    @property
+    def _sharpness(self) -> tuple[float, float]:
+        if self.distribution in _WIDTHS:
+            return self.alpha_x, self.alpha_y
+        return self.n_u, self.n_v
+
+    @property
+    def isotropic(self) -> bool:
+        ax, ay = self._sharpness
+        return ax == ay
+
+    @property
+    def _exact_masking(self) -> bool:
+        own = self.geometry == "v_cavity" or self.distribution in ("beckmann", "ggx")
+        return own and self.geometry != "none"
+
+    @property
+    def conserves_energy(self) -> bool:  # type: ignore[override]
+        """G = 1, a masking that is not the distribution's, or the 1982 prefactor lose the bound."""
+        return self._exact_masking and self.prefactor == "1/4"
+
+    @property
+    def grazing_limit(self) -> bool:  # type: ignore[override]
+        """Without masking the albedo grows as 1/n.l."""
+        return self.geometry != "none"
+
+    def pack(self) -> tuple[float, ...]:
+        ax, ay = self._sharpness
+        scale = {
+            "beckmann": 1.0 / (math.pi * ax * ay),
+            "ggx": 1.0 / (math.pi * ax * ay),
+            "blinn_phong": (ax + 2.0) / (2.0 * math.pi),
+            "ashikhmin_shirley": math.sqrt((ax + 2.0) * (ay + 2.0)) / (2.0 * math.pi),
+        }.get(self.distribution)
+        if scale is None:
+            scale = gaussian_scale(ax)
+        fresnel_a = self.f0 if self.fresnel == "schlick" else 0.0
+        fresnel_a = self.ior if self.fresnel in ("dielectric", "conductor") else fresnel_a
+        return (
+            *(DISTRIBUTIONS[self.distribution], GEOMETRIES[self.geometry], ax, ay, scale),
+            *(CODES[self.fresnel], fresnel_a, self.k if self.fresnel == "conductor" else 0.0),
+            0.25 if self.prefactor == "1/4" else 1.0,
+        )
+
+    def parts(self) -> tuple[Part, ...]:
+        ax, ay = self._sharpness
+        powers = self.distribution not in _WIDTHS
+        decay = {"beckmann": "gaussian", "ggx": "algebraic", "gaussian": "algebraic"}
+        kind = decay.get(self.distribution, "cosine_power")
+        if self.distribution == "gaussian" and ax < 0.03:
+            kind = "gaussian"  # from here on an angle is a slope: the tail may be cut
+        kinks = "v_cavity" if self.geometry == "v_cavity" else "none"
+        edge = 4 if powers and min(ax, ay) < 16 else 1
+        if powers:
+            ax, ay = math.sqrt(2.0 / max(ax, 2.0)), math.sqrt(2.0 / max(ay, 2.0))
+        chart = PolarChart("slope", kinks, kind, edge)
+        known = self._exact_masking and self.prefactor == "1/4"
+        whole = PolarChart("slope", kinks, kind, edge, full=True)
+        return (
+            Part("specular", fill, chart, (ax, ay), loss if known else None, whole),
+        )

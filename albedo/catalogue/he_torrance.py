@@ -1,0 +1,239 @@
+"""He, Torrance, Sillion and Greenberg 1991: physical optics of a Gaussian random surface."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from albedo._compile import kernel
+from albedo.brdf import Choice, Model, Part, Real
+from albedo.charts.cosine import CosineChart
+from albedo.charts.polar import PolarChart
+from albedo.fresnel import CODES, fresnel
+from albedo.geometry import v_dot_h
+from albedo.microfacet import beckmann_lambda
+
+
+@kernel
+def lambert_w(x):
+    """Principal branch of Lambert's W for x >= 0, by Halley's iteration."""
+    w = math.log1p(x)
+    if x > 3.0:
+        w = math.log(x)
+        w -= math.log(w)
+    elif x < 1.0:
+        w = x * (1.0 + 1.5 * x) / (1.0 + x * (2.5 + x))
+    for _ in range(4):
+        if w > 1.0:
+            # The equation in logarithms, which a huge x cannot overflow.
+            f = w + math.log(w / x)
+            step = f * w / (1.0 + w)
+        else:
+            e = math.exp(w)
+            f = w * e - x
+            step = f / (e * (w + 1.0) - 0.5 * (w + 2.0) * f / (w + 1.0))
+        w -= step
+        if abs(step) <= 1e-16 * w:
+            break
+    return w
+
+
+@kernel
+def shadowing(ratio, c, s):
+    """S1 of one direction (He et al. 1991, eqs. 24, 25, with the exponential eq. 25 lacks)."""
+    if s == 0.0:
+        return 1.0
+    v = 0.5 * ratio * c / s
+    return (1.0 - 0.5 * math.erfc(v)) / (1.0 + beckmann_lambda(v))
+
+
+@kernel
+def roughness_slope(ratio, c, s):
+    """K = tan(theta) erfc(tau/(2 sigma0 tan(theta))) (He et al. 1991, eq. 82)."""
+    if s == 0.0:
+        return 0.0
+    return s / c * math.erfc(0.5 * ratio * c / s)
+
+
+@kernel
+def roughness2(k_sum):
+    """(sigma/sigma0)^2 of the roughness that both directions see, K_L + K_V given.
+
+    sqrt(pi/2) z0 = (sigma0/4)(K_L + K_V) exp(-z0^2/(2 sigma0^2)) (He et al. 1991, eqs. 80, 81)
+    has the closed form (z0/sigma0)^2 = W(2 K^2/pi), K = (K_L + K_V)/4.
+    """
+    k = 0.25 * k_sum
+    return 1.0 / (1.0 + lambert_w(2.0 * k * k / math.pi))
+
+
+@kernel
+def poisson_sum(g, c):
+    """Sum over m >= 1 of g^m e^-g/(m! m) exp(-c/m) (He et al. 1991, eq. 78).
+
+    Up to g = 100 by recurrence. Above, the sum is a trapezoid rule of a smooth function, so a
+    wider step around the largest term gives the same number; the weights are Loader's.
+    """
+    if g <= 0.0:
+        return 0.0
+    if g <= 100.0:
+        poisson = math.exp(-g)
+        total, before, m = 0.0, 0.0, 0
+        while True:
+            m += 1
+            poisson *= g / m
+            term = poisson / m * math.exp(-c / m)
+            total += term
+            if (term <= before and term <= 1e-17 * total) or poisson < 1e-300:
+                return total
+            before = term
+    # The largest term: m log(m/g) = c/m.
+    m0 = g + c / g
+    for _ in range(6):
+        m0 -= (m0 * math.log(m0 / g) - c / m0) / (math.log(m0 / g) + 1.0 + c / (m0 * m0))
+    step = 0.55 / math.sqrt(1.0 / m0 + 2.0 * c / (m0 * m0 * m0))
+    total = 0.0
+    for j in range(-17, 20):
+        m = m0 + j * step
+        if m < 1.0:
+            continue
+        d = (m - g) / (m + g)
+        if abs(d) < 0.1:
+            # m log(m/g) + g - m without cancellation: 2 m sum_k d^(2k+1)/(2k+1) - (m - g).
+            deviance = (m - g) * d
+            power = 2.0 * m * d
+            for k in range(1, 12):
+                power *= d * d
+                deviance += power / (2 * k + 1)
+        else:
+            deviance = m * math.log(m / g) + g - m
+        m2 = m * m
+        stirling = (1.0 / 12.0 - (1.0 / 360.0 - (1.0 / 1260.0 - 1.0 / (1680.0 * m2)) / m2) / m2) / m
+        total += math.exp(-deviance - stirling - c / m) / (m * math.sqrt(2.0 * math.pi * m))
+    return total * step
+
+
+@kernel
+def fill(wi, wo, h, p, out):
+    """f_dd = F(v.h) G S D / (pi n.l n.v), G = (2 v.h / n.h)^2."""
+    for j in range(out.shape[0]):
+        lz = wi[2, j]
+        ratio, k2s2, k2t2, scale = p[j, 0], p[j, 1], p[j, 2], p[j, 3]
+        f_code, f_a, f_b = int(p[j, 4]), p[j, 5], p[j, 6]
+        sin_l = math.hypot(wi[0, j], wi[1, j])
+        s_l = shadowing(ratio, lz, sin_l)
+        k_l = roughness_slope(ratio, lz, sin_l)
+        for i in range(out.shape[1]):
+            vz = wo[2, j, i]
+            if vz <= 0.0:
+                out[j, i] = 0.0
+                continue
+            hx, hy, hz = h[0, j, i], h[1, j, i], h[2, j, i]
+            sin_v = math.hypot(wo[0, j, i], wo[1, j, i])
+            shadow = s_l * shadowing(ratio, vz, sin_v)
+            g = k2s2 * roughness2(k_l + roughness_slope(ratio, vz, sin_v)) * hz * hz
+            d = scale * poisson_sum(g, 0.25 * k2t2 * (hx * hx + hy * hy))
+            u = v_dot_h(hx, hy, hz)
+            u2 = u * u
+            geometry = 16.0 * u2 * u2 / (hz * hz)
+            out[j, i] = fresnel(f_code, f_a, f_b, u) * geometry * shadow * d / (math.pi * lz * vz)
+
+
+@kernel
+def fill_diffuse(wi, wo, h, p, out):
+    """f_ud = a_ud / pi."""
+    for j in range(out.shape[0]):
+        for i in range(out.shape[1]):
+            out[j, i] = p[j, 7] / math.pi
+
+
+@kernel
+def mirror_share(c, p):
+    """F e^-g S at the mirror direction: the energy of the Dirac part."""
+    s = math.sqrt((1.0 - c) * (1.0 + c))
+    shadow = shadowing(p[0], c, s)
+    g = p[1] * roughness2(2.0 * roughness_slope(p[0], c, s)) * 4.0 * c * c
+    return fresnel(int(p[4]), p[5], p[6], c) * math.exp(-g) * shadow * shadow
+
+
+class HeTorrance(Model):
+    """f = f_dd + a_ud/pi, plus a mirror part (He, Torrance, Sillion and Greenberg 1991).
+
+    Directional diffuse: f_dd = F G S D/(pi n.l n.v) with the geometry factor in its closed form
+    (2 v.h/n.h)^2, Smith's shadowing of 1967 and the series of the Gaussian surface; the
+    wave number 2 pi/wavelength belongs in the lateral wave vector, and exp(-v^2) in eq. 25,
+    which misses it in print. The mirror part carries F e^-g S of the energy. All lengths are in
+    micrometres. For a large optical roughness f_dd tends to Cook-Torrance with
+    m = 2 sigma0/tau.
+    """
+
+    name = "he_torrance"
+    title = "He-Torrance physical optics"
+    equation = "He et al. 1991, eqs. 70 to 82"
+    references = ("he1991", "neumann_pumping")
+
+    sigma0 = Real(0.1, "rms height of the surface", "um", low=1e-4, high=100.0)
+    tau = Real(1.7, "correlation length", "um", low=1e-3, high=1e4)
+    wavelength = Real(0.5, "wavelength of the light", "um", low=1e-2, high=1e3)
+    fresnel = Choice("white", "Fresnel factor F", choices=tuple(CODES))
+    f0 = Real(0.04, "schlick: reflectance at normal incidence", low=0.0, high=1.0)
+    ior = Real(1.5, "dielectric, conductor: relative index of refraction", low=1e-3, high=100.0)
+    k = Real(3.0, "conductor: extinction coefficient", low=0.0, high=100.0)
+    a_ud = Real(0.0, "albedo of the uniform diffuse part", low=0.0, high=1.0)
+    mirror = Choice("on", "mirror part", choices=("on", "off"))
+    directional_diffuse = Choice("on", "directional diffuse part", choices=("on", "off"))
+
+    def used(self, values: Mapping[str, Any]) -> tuple[str, ...]:
+        index = {"white": (), "schlick": ("f0",), "dielectric": ("ior",), "conductor": ("ior", "k")}
+        return (
+            *("sigma0", "tau", "wavelength", "fresnel"),
+            *index[values["fresnel"]],
+            *("a_ud", "mirror", "directional_diffuse"),
+        )
+
+    @property
+    def conserves_energy(self) -> bool:  # type: ignore[override]
+        """The uniform part is added without regard to the others."""
+        return self.a_ud == 0.0
+
+    def pack(self) -> tuple[float, ...]:
+        wave = 2.0 * math.pi / self.wavelength
+        a = {"schlick": "f0", "dielectric": "ior", "conductor": "ior"}.get(self.fresnel)
+        return (
+            self.tau / self.sigma0,
+            (wave * self.sigma0) ** 2,
+            (wave * self.tau) ** 2,
+            (0.5 * math.pi * self.tau / self.wavelength) ** 2,
+            CODES[self.fresnel],
+            self.parameters[a] if a else 0.0,
+            self.k if self.fresnel == "conductor" else 0.0,
+            self.a_ud,
+        )
+
+    def parts(self) -> tuple[Part, ...]:
+        parts = []
+        if self.directional_diffuse == "on":
+            optical = (2.0 * math.pi * self.sigma0 / self.wavelength) ** 2
+            if optical > 1.0:
+                chart, width = PolarChart("slope", edge=4), 2.0 * self.sigma0 / self.tau
+            else:
+                chart = PolarChart("mirror_hemisphere", edge=4)
+                width = self.wavelength / (2.0 * math.pi * self.tau)
+            parts.append(Part("directional_diffuse", fill, chart, (width, width)))
+        if self.a_ud > 0.0:
+            parts.append(Part("uniform_diffuse", fill_diffuse, CosineChart()))
+        return tuple(parts)
+
+    def spikes(self, wi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if self.mirror == "off":
+            return super().spikes(wi)
+        p = np.array(self.pack())
+        directions = wi * np.array([-1.0, -1.0, 1.0])
+        share = np.array([mirror_share(c, p) if c > 0.0 else 0.0 for c in wi[:, 2]])
+        return directions[None], share[None]
+
+    def grazing_albedo(self) -> float:
+        """Only a_ud: the roughness that is seen falls to 0, and with it e^-g -> 1 but S -> 0."""
+        return float(self.a_ud)

@@ -1,0 +1,392 @@
+r"""Polar chart around the mirror direction, in slopes of the half vector or in angles about R.
+
+With L at angle theta, let psi be the polar angle from the plane of incidence, t = tan(theta),
+T = t cos(psi) and beta = atan(T). The radial coordinate delta is the angle of the half vector to
+the normal (``slope``: psi is the azimuth of H) or half the angle between V and the mirror
+direction R (``mirror``: psi is the azimuth of V about R). In both, for a fixed psi,
+
+    n.v = cos(theta) (cos(2 delta) + T sin(2 delta)),
+
+and every curve at which a classic model has a kink is *linear in beta*:
+
+==========================  =================================  =======================
+horizon                     n.v = 0                            delta = (pi/2 + beta)/2
+equal cosines               n.v = n.l                          delta = beta
+masking of L (V-cavity)     2 (n.h)(n.l) = l.h                 delta = pi/2 - beta
+masking of V (V-cavity)     2 (n.h)(n.v) = v.h                 delta = (pi/2 + beta)/3
+half vectors seen from L    l.h = 0                            delta = pi/2 + beta
+==========================  =================================  =======================
+
+(the masking curves hold in slopes of H). So panels between kinks are exact at any angle, and the
+integrand on them is analytic. Two layers remain, and both are stretched logarithmically: the
+radial one at the width of the lobe (delta = w sinh(s)), and, at grazing incidence, the angular
+one of width 1/(t w) at psi = +-pi/2, where the horizon sweeps across the lobe. Anisotropic lobes
+are stretched to circles first: psi becomes the elliptic angle that Ward's sampling uses.
+
+Jacobians: dV = 4 (l.h) dH = 4 (l.h) sin(delta) d(delta) d(psi) in slopes,
+dV = 2 sin(2 delta) d(delta) d(psi) about R.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from albedo._compile import kernel
+
+KINDS = {"slope": 0, "mirror": 1, "retro": 2, "mirror_hemisphere": 3}
+KINKS = {"none": 0, "max": 1, "v_cavity": 2}
+DECAYS = {"algebraic": 0, "gaussian": 1, "cosine_power": 2}
+
+# Angular layers thinner than this weigh less than the rounding error.
+_THINNEST_LAYER = 1e-17
+
+
+@dataclass(frozen=True)
+class PolarChart:
+    """A polar chart with its structure; widths differ from row to row.
+
+    Parameters
+    ----------
+    kind : {"slope", "mirror", "retro", "mirror_hemisphere"}
+        Coordinates: slopes of H; angles about R, up to 90 degrees from R; the same about L; or
+        angles about R over the whole hemisphere.
+    kinks : {"none", "max", "v_cavity"}
+        Curves at which the integrand has a kink.
+    decay : {"algebraic", "gaussian", "cosine_power"}
+        How the lobe falls: the last two are cut where they are below 1e-20 of their peak.
+    edge : int
+        Power that clusters nodes at the outer edge (2 makes a square root there smooth).
+    full : bool
+        Integrate over all half vectors in the hemisphere seen from L, also those whose V is
+        below the horizon (for energies lost rather than reflected). Slopes only.
+    """
+
+    kind: str
+    kinks: str = "none"
+    decay: str = "algebraic"
+    edge: int = 1
+    full: bool = False
+
+    def panels(
+        self, cos_theta: np.ndarray, phi: np.ndarray, widths: np.ndarray, isotropic: bool,
+        coarse: bool = False,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Panels of every row: smooth pieces of the hemisphere.
+
+        Parameters
+        ----------
+        cos_theta, phi : ndarray, shape (n,)
+            Direction of incidence; phi in radians.
+        widths : ndarray, shape (n, 2)
+            Widths of the lobe along x and y, in radians of delta.
+        isotropic : bool
+            The integrand is symmetric about the plane of incidence.
+        coarse : bool
+            One panel per quadrant, kinks inside: for budgets too small for anything better.
+
+        Returns
+        -------
+        geometry : ndarray, shape (n, 12)
+            What `nodes` needs of each row.
+        row : ndarray of int, shape (m,)
+            Row to which each panel belongs.
+        code : ndarray of int, shape (m, 4)
+            Quadrant, index of the inner panel, number of inner panels, multiplicity.
+        box : ndarray, shape (m, 4)
+            u0, u1, v0, v1: the panel in the chart's own coordinates.
+        """
+        c = cos_theta
+        s = np.sqrt((1 - c) * (1 + c))
+        wx, wy = np.clip(widths, 1e-12, 1.0).T
+        # An isotropic lobe is laid out in the plane of incidence, whatever phi is.
+        cp, sp = (np.ones_like(c), np.zeros_like(c)) if isotropic else (np.cos(phi), np.sin(phi))
+        norm = np.hypot(sp / wx, cp / wy)
+        slant = (wx / wy * cp * cp + wy / wx * sp * sp) / norm
+        with np.errstate(divide="ignore"):
+            layer = np.where(s > 0, c / (s * slant), np.inf)
+        geometry = np.column_stack(
+            (
+                *(c, s, np.cos(phi), np.sin(phi), cp, sp, wx, wy),
+                *(-sp / wx / norm, cp / wy / norm, slant, np.clip(layer, _THINNEST_LAYER, 10.0)),
+            )
+        )
+        quadrants = 2 if isotropic else 4
+        row, code, box = _panels(geometry, quadrants, coarse, *self._structure)
+        return geometry, row, code, box
+
+    @property
+    def _structure(self) -> tuple[int, int, int, bool]:
+        kind = KINDS[self.kind]
+        return kind, KINKS[self.kinks], DECAYS[self.decay], self.full
+
+    def nodes(
+        self,
+        geometry: np.ndarray,
+        code: np.ndarray,
+        box: np.ndarray,
+        u: np.ndarray,
+        v: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Directions and Jacobians at the nodes (u, v) of panels.
+
+        Parameters
+        ----------
+        geometry, code, box : ndarray, shape (m, ...)
+            Panels, with the geometry of the row of each.
+        u, v : ndarray, shape (p,) and (q,)
+            Nodes in (0, 1).
+
+        Returns
+        -------
+        wi : ndarray, shape (3, m)
+        wo, h : ndarray, shape (3, m, p * q)
+            Outgoing direction, and wi + wo without cancellation.
+        weight : ndarray, shape (m, p * q)
+            n.v dV / (du dv); dV / (du dv) when the chart is `full`.
+        """
+        m, count = box.shape[0], u.size * v.size
+        wi, wo, h = np.empty((3, m)), np.empty((3, m, count)), np.empty((3, m, count))
+        weight = np.empty((m, count))
+        kind, kinks, decay, full = self._structure
+        _nodes(geometry, code, box, u, v, kind, kinks, decay, full, self.edge, wi, wo, h, weight)
+        return wi, wo, h, weight
+
+
+@kernel
+def _azimuth(g, quadrant, u):
+    """cos(psi), sin(psi), width of the lobe along psi, and d(psi)/du."""
+    cp, sp, wx, wy, ca, sa, slant, layer = g[4], g[5], g[6], g[7], g[8], g[9], g[10], g[11]
+    d = layer * math.sinh(u)
+    sin_d = math.sin(d)
+    cos_d = math.cos(d)
+    # a = a_layer -+ d for the layer at psi = +pi/2, mirrored for the one at -pi/2.
+    turn = 1.0 if quadrant == 0 or quadrant == 3 else -1.0
+    side = 1.0 if quadrant < 2 else -1.0
+    x = side * wx * (ca * cos_d + turn * sa * sin_d)
+    y = side * wy * (sa * cos_d - turn * ca * sin_d)
+    width = math.hypot(x, y)
+    front = 1.0 if quadrant % 2 == 0 else -1.0
+    cos_psi = front * slant * sin_d / width
+    sin_psi = (y * cp - x * sp) / width
+    return cos_psi, sin_psi, width, wx * wy / (width * width) * layer * math.cosh(u)
+
+
+@kernel
+def _breaks(big_t, width, kind, kinks, decay, full, b):
+    """Fill b with tan(delta/2) at the ends of the inner panels.
+
+    Returns the number of panels, and which of the ends the cut has moved, as bits.
+    """
+    g = math.atan2(1.0, -big_t)  # pi/2 + beta
+    n = 0
+    b[0] = 0.0
+    if kinks == 1 and big_t > 0.0 and (kind == 0 or big_t < 1.0):
+        n = 1
+        b[1] = math.tan(0.5 * math.atan(big_t))
+    elif kinks == 2 and big_t > 1.0:
+        n = 2
+        b[1] = math.tan(0.5 * math.atan2(1.0, big_t))
+        b[2] = math.tan(0.5 * math.atan(big_t))
+    elif kinks == 2:
+        n = 1
+        b[1] = math.tan(g / 6.0)
+    n += 1
+    b[n] = math.tan(0.25 * g)
+    if kind == 1 or kind == 2:
+        b[n] = min(b[n], math.tan(0.125 * math.pi))
+    if full:
+        n += 1
+        b[n] = math.tan(0.5 * min(0.5 * math.pi, g))
+    # exp(-42.25) = 4.5e-19 of the peak is where a lobe is cut.
+    r = math.inf
+    if decay == 1:
+        r = 6.5 * width
+    elif decay == 2 and kind == 0 and width < 0.1:
+        r = math.sqrt(math.expm1(42.25 * width * width))
+    elif decay == 2 and kind != 0 and width < 0.05:
+        r = math.sqrt(math.tanh(42.25 * width * width))
+    cut = r / (1.0 + math.sqrt(1.0 + r * r)) if r < math.inf else 2.0
+    moved = 0
+    for j in range(1, n + 1):
+        if b[j] > cut:
+            b[j] = cut
+            moved += 1 << j
+    return n, moved
+
+
+@kernel
+def _scale(width, decay):
+    """Scale of the radial stretch, in tan(delta/2): measured to need the fewest nodes."""
+    return min(width, 1.0) * (0.5 if decay == 0 else 1.0)
+
+
+@kernel
+def _pattern(g, quadrant, u, kind, kinks, decay, full, b):
+    """The bits of `_breaks` at u."""
+    cos_psi, _, width, _ = _azimuth(g, quadrant, u)
+    return _breaks(g[1] / g[0] * cos_psi, width, kind, kinks, decay, full, b)[1]
+
+
+@kernel
+def _panels(geometry, quadrants, coarse, kind, kinks, decay, full):
+    """All non-empty panels: outer cuts at equal e-folds, at T = 1 and where the lobe's cut
+    meets a kink; inner ones at the kinks."""
+    rows = geometry.shape[0]
+    room = rows * quadrants * 24 + 64
+    row = np.empty(room, np.int64)
+    code = np.empty((room, 4), np.int64)
+    box = np.empty((room, 4), np.float64)
+    cuts = np.empty(64)
+    b = np.empty(6)
+    size = np.empty(6)
+    span = np.empty(6)
+    count = 0
+    for i in range(rows):
+        g = geometry[i]
+        c, s, cp, sp, wx, wy = g[0], g[1], g[4], g[5], g[6], g[7]
+        ca, sa, slant, layer = g[8], g[9], g[10], g[11]
+        end = math.asinh(0.5 * math.pi / layer)
+        steps = 1 if coarse else max(1, int(math.ceil(end / 5.0)))
+        for quadrant in range(quadrants):
+            m = steps + 1
+            for k in range(m):
+                cuts[k] = end * k / steps
+            if s > c and kinks != 0 and quadrant % 2 == 0 and not coarse:
+                tail = math.sqrt((s - c) * (s + c)) / c * slant
+                along = wy * sa * cp - wx * ca * sp
+                across = -wx * sa * sp - wy * ca * cp
+                near = math.atan2(along, tail - across)
+                far = math.atan2(along, tail + across)
+                if quadrant == 2:
+                    near, far = far, near
+                for d in (near, math.pi - far):
+                    if 0.0 < d < 0.5 * math.pi:
+                        cuts[m] = math.asinh(d / layer)
+                        m += 1
+                cuts[:m].sort()
+            if decay != 0 and not coarse:
+                known = m
+                for k in range(known - 1):
+                    low = cuts[k] + 1e-9 * (cuts[k + 1] - cuts[k])
+                    before = _pattern(g, quadrant, low, kind, kinks, decay, full, b)
+                    for probe in range(1, 9):
+                        high = cuts[k] + (0.125 * probe - 1e-9) * (cuts[k + 1] - cuts[k])
+                        after = _pattern(g, quadrant, high, kind, kinks, decay, full, b)
+                        left, right = low, high
+                        if after != before:
+                            for _ in range(45):
+                                middle = 0.5 * (left + right)
+                                found = _pattern(g, quadrant, middle, kind, kinks, decay, full, b)
+                                if found == before:
+                                    left = middle
+                                else:
+                                    right = middle
+                            cuts[m] = 0.5 * (left + right)
+                            m += 1
+                        low, before = high, after
+                cuts[:m].sort()
+            for k in range(m - 1):
+                u0, u1 = cuts[k], cuts[k + 1]
+                if u1 - u0 < 1e-12 * end:
+                    continue
+                size[:] = 0.0
+                span[:] = 0.0
+                inner = 0
+                for f in (0.02, 0.5, 0.98):
+                    cos_psi, _, width, _ = _azimuth(g, quadrant, u0 + f * (u1 - u0))
+                    inner, _ = _breaks(s / c * cos_psi, width, kind, kinks, decay, full, b)
+                    scale = _scale(width, decay)
+                    for j in range(inner):
+                        size[j] = max(size[j], b[j + 1] - b[j])
+                        folds = math.asinh(b[j + 1] / scale) - math.asinh(b[j] / scale)
+                        span[j] = max(span[j], folds)
+                if coarse:
+                    inner = 1
+                    size[0] = 1.0
+                    span[0] = 0.0
+                for j in range(inner):
+                    if size[j] <= 0.0:
+                        continue
+                    pieces = max(1, int(math.ceil(span[j] / 4.0)))
+                    for piece in range(pieces):
+                        if count == row.size:
+                            row = np.concatenate((row, np.empty_like(row)))
+                            code = np.concatenate((code, np.empty_like(code)))
+                            box = np.concatenate((box, np.empty_like(box)))
+                        row[count] = i
+                        code[count, 0] = quadrant
+                        code[count, 1] = j
+                        code[count, 2] = inner
+                        code[count, 3] = 2 if quadrants == 2 else 1
+                        box[count, 0] = u0
+                        box[count, 1] = u1
+                        box[count, 2] = piece / pieces
+                        box[count, 3] = (piece + 1) / pieces
+                        count += 1
+    return row[:count].copy(), code[:count].copy(), box[:count].copy()
+
+
+@kernel
+def _nodes(geometry, code, box, u, v, kind, kinks, decay, full, edge, wi, wo, h, weight):
+    """Directions, half vectors and Jacobians; one row per panel."""
+    b = np.empty(6)
+    for k in range(box.shape[0]):
+        g = geometry[k]
+        c, s, cos_phi, sin_phi = g[0], g[1], g[2], g[3]
+        wi[0, k] = s * cos_phi
+        wi[1, k] = s * sin_phi
+        wi[2, k] = c
+        quadrant, j, inner = code[k, 0], code[k, 1], code[k, 2]
+        u0, u1, v0, v1 = box[k]
+        for iu in range(u.size):
+            cos_psi, sin_psi, width, turn = _azimuth(g, quadrant, u0 + (u1 - u0) * u[iu])
+            found, _ = _breaks(s / c * cos_psi, width, kind, kinks, decay, full, b)
+            if inner == 1 and found > 1:
+                b[1] = b[found]  # one panel over all kinks (budget too small to split)
+            scale = _scale(width, decay)
+            s0 = math.asinh(b[j] / scale)
+            s1 = math.asinh(b[j + 1] / scale)
+            outer = code[k, 3] * turn * (u1 - u0) * (v1 - v0)
+            for iv in range(v.size):
+                x = v0 + (v1 - v0) * v[iv]
+                stretch = 1.0
+                if edge > 1 and j == inner - 1:
+                    stretch = edge * (1.0 - x) ** (edge - 1)
+                    x = 1.0 - (1.0 - x) ** edge
+                e = math.exp(s0 + (s1 - s0) * x)
+                t = 0.5 * scale * (e - 1.0 / e)
+                t2 = 1.0 + t * t
+                sin_delta = 2.0 * t / t2
+                cos_delta = (1.0 - t) * (1.0 + t) / t2
+                jac = outer * stretch * (s1 - s0) * math.sqrt(scale * scale + t * t) * 2.0 / t2
+                n_dot_l = c
+                sin_2 = 2.0 * sin_delta * cos_delta
+                two_sin2 = 2.0 * sin_delta * sin_delta
+                n_dot_v = c * (1.0 - two_sin2) + s * cos_psi * sin_2
+                if kind == 0:
+                    l_dot_h = c * cos_delta + s * cos_psi * sin_delta
+                    hx = 2.0 * l_dot_h * sin_delta * cos_psi
+                    hy = 2.0 * l_dot_h * sin_delta * sin_psi
+                    jac *= 4.0 * l_dot_h * sin_delta
+                else:
+                    hx = two_sin2 * s + sin_2 * cos_psi * c
+                    hy = sin_2 * sin_psi
+                    jac *= 2.0 * sin_2
+                if not full:
+                    n_dot_v = max(n_dot_v, 0.0)
+                    jac *= n_dot_v
+                vx, vy = hx - s, hy
+                if kind == 2:
+                    vx, vy = -vx, -vy
+                    hx, hy = vx + s, vy
+                i = iu * v.size + iv
+                wo[0, k, i] = vx * cos_phi - vy * sin_phi
+                wo[1, k, i] = vx * sin_phi + vy * cos_phi
+                wo[2, k, i] = n_dot_v
+                h[0, k, i] = hx * cos_phi - hy * sin_phi
+                h[1, k, i] = hx * sin_phi + hy * cos_phi
+                h[2, k, i] = n_dot_l + n_dot_v
+                weight[k, i] = jac

@@ -1,0 +1,1 @@
+"""Integrators: they know cells, rules and bounds, and nothing of reflectance models."""

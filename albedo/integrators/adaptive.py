@@ -1,0 +1,318 @@
+"""Nested quadrature over the panels of a chart, many rows at once, with a bound on every value.
+
+A *row* is one integral: a direction of incidence and a set of parameters. Each row is cut into
+*cells*, at first the panels of its chart; on a cell stands a tensor Gauss-Legendre rule whose
+order is chosen per direction. The error of a cell is the sum of the errors of the two marginals,
+each read from the fall of its Legendre spectrum (`albedo.integrators.rules`). Where that is too
+large the order is raised to what the fall promises, or the cell is cut in two. Whenever a cell is
+computed again the new value audits the old bound: a bound that was too small makes all bounds of
+the row larger by the same factor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from albedo.integrators.rules import LADDER, gauss, spectrum_bound
+
+Integrand = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+
+_EPS = np.finfo(np.float64).eps
+_LADDER = np.array(LADDER)
+_TOP = LADDER[-1]
+# Nodes in one block: nine numbers each, which fits in a 2 MiB cache.
+_BLOCK = 16384
+# Each number that a chart or a kernel hands on carries a few roundings.
+_ROUNDINGS = 16.0
+_ROUNDS = 60
+
+
+class Chart(Protocol):
+    """What the integrator needs of a chart; see `albedo.charts.polar.PolarChart`."""
+
+    def panels(
+        self,
+        cos_theta: np.ndarray,
+        phi: np.ndarray,
+        widths: np.ndarray,
+        isotropic: bool,
+        coarse: bool = False,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]: ...
+
+    def nodes(
+        self,
+        geometry: np.ndarray,
+        code: np.ndarray,
+        box: np.ndarray,
+        u: np.ndarray,
+        v: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]: ...
+
+
+@dataclass
+class Result:
+    """Values of all rows, with what they are worth."""
+
+    value: np.ndarray
+    error: np.ndarray
+    evaluations: np.ndarray
+    converged: np.ndarray
+
+
+@dataclass
+class _Cells:
+    """A growing set of cells, one entry per array element."""
+
+    row: np.ndarray
+    code: np.ndarray
+    box: np.ndarray
+    order: np.ndarray  # (m, 2) nodes along u and v
+    value: np.ndarray
+    error: np.ndarray  # (m, 2) bounds along u and v
+    size: np.ndarray  # integral of the modulus
+
+    def take(self, keep: np.ndarray) -> _Cells:
+        return _Cells(*(getattr(self, f)[keep] for f in self.__dataclass_fields__))
+
+    def join(self, other: _Cells) -> _Cells:
+        pairs = ((getattr(self, f), getattr(other, f)) for f in self.__dataclass_fields__)
+        return _Cells(*(np.concatenate(pair) for pair in pairs))
+
+
+def integrate(
+    chart: Chart,
+    integrand: Integrand,
+    cos_theta: np.ndarray,
+    phi: np.ndarray,
+    widths: np.ndarray,
+    isotropic: bool,
+    *,
+    rtol: float,
+    atol: float,
+    limit: int,
+) -> Result:
+    """Integrate over the domain of a chart, one integral per row.
+
+    Parameters
+    ----------
+    chart : Chart
+        Panels and nodes.
+    integrand : callable
+        ``integrand(row, wi, wo, h) -> (m, count)``: values at the nodes of m cells, `row` being
+        the row of each.
+    cos_theta, phi, widths : ndarray, shape (n,), (n,), (n, 2)
+        What the chart needs of each row.
+    isotropic : bool
+        Symmetric about the plane of incidence.
+    rtol, atol : float
+        A row is done when its error is at most max(atol, rtol |value|).
+    limit : int
+        Most evaluations of the integrand per row, probes included.
+
+    Returns
+    -------
+    Result
+        With arrays of shape (n,).
+    """
+    n = cos_theta.size
+    geometry, row, code, box = chart.panels(cos_theta, phi, widths, isotropic)
+    per_row = np.bincount(row, minlength=n)
+    order = 10 if rtol >= 1e-6 else 12 if rtol >= 1e-10 else 16
+    fits = [p for p in LADDER if p <= order and per_row.max() * (p * p + 2) <= limit]
+    if not fits or fits[-1] < 4:
+        geometry, row, code, box = chart.panels(cos_theta, phi, widths, isotropic, coarse=True)
+        per_row = np.bincount(row, minlength=n)
+        fits = [p for p in LADDER if p <= order and per_row.max() * (p * p + 2) <= limit]
+    order = fits[-1] if fits else 2
+    m = row.size
+    cells = _Cells(
+        row, code, box, np.full((m, 2), order), np.zeros(m), np.zeros((m, 2)), np.zeros(m)
+    )
+    spent = per_row * order * order
+    _evaluate(chart, integrand, geometry, cells)
+    doubt = np.ones(n)
+    active = np.ones(n, dtype=bool)
+    for _ in range(_ROUNDS):
+        value, error, size, leaves = _sums(cells, n)
+        rounding = _ROUNDINGS * _EPS * size
+        target = np.maximum(atol, rtol * np.abs(value))
+        # Leave half of the tolerance to rounding and to the probe.
+        active &= doubt * error + rounding > 0.5 * target
+        if not active.any():
+            break
+        share = 0.4 * target / (leaves * doubt)
+        work = _plan(cells, share, active)
+        reserve = 2 * leaves + 4
+        cost = work.cost
+        rank = np.lexsort((-cells.error.sum(1)[work.parent], cells.row[work.parent]))
+        work = work.take(rank)
+        cost = cost[rank]
+        rows = cells.row[work.parent]
+        running = np.cumsum(cost)
+        start = np.concatenate(([True], rows[1:] != rows[:-1]))
+        base = (running - cost)[start][np.cumsum(start) - 1]
+        affordable = spent[rows] + (running - base) + reserve[rows] <= limit
+        # A row that cannot pay for all of it pays for the worst cells, and is done.
+        active &= np.bincount(rows[affordable], minlength=n) > 0
+        work = work.take(affordable)
+        if work.parent.size == 0:
+            break
+        children = work.children(cells)
+        spent += np.bincount(children.row, weights=children.order.prod(1), minlength=n).astype(int)
+        _evaluate(chart, integrand, geometry, children)
+        doubt = _audit(cells, children, work, doubt)
+        keep = np.ones(cells.row.size, dtype=bool)
+        keep[work.parent] = False
+        cells = cells.take(keep).join(children)
+    value, error, size, leaves = _sums(cells, n)
+    nodes = 4 if limit - int(spent.max()) >= 32 * int(leaves.max()) else 1
+    shift = _probe(chart, integrand, geometry, cells, n, nodes)
+    spent = spent + 2 * nodes * nodes * leaves
+    error = doubt * error + _ROUNDINGS * _EPS * size + 2.0 * shift
+    finite = np.isfinite(value) & np.isfinite(error)
+    value, error = np.where(finite, value, np.nan), np.where(finite, error, np.inf)
+    converged = finite & (error <= np.maximum(atol, rtol * np.abs(value)))
+    return Result(value, error, spent, converged)
+
+
+def _sums(cells: _Cells, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Value, error and modulus of every row, and its number of cells."""
+    total = cells.error.sum(1)
+    return (
+        np.bincount(cells.row, weights=cells.value, minlength=n),
+        np.bincount(cells.row, weights=total, minlength=n),
+        np.bincount(cells.row, weights=cells.size, minlength=n),
+        np.maximum(np.bincount(cells.row, minlength=n), 1),
+    )
+
+
+def _groups(order: np.ndarray) -> list[tuple[int, int, np.ndarray]]:
+    """Cells that share a pair of orders."""
+    key = order[:, 0] * 1000 + order[:, 1]
+    rank = np.argsort(key, kind="stable")
+    keys, start = np.unique(key[rank], return_index=True)
+    pieces = np.split(rank, start[1:])
+    return [(int(k) // 1000, int(k) % 1000, piece) for k, piece in zip(keys, pieces, strict=True)]
+
+
+def _evaluate(chart: Chart, integrand: Integrand, geometry: np.ndarray, cells: _Cells) -> None:
+    """Fill value, error and size of all cells."""
+    for p, q, members in _groups(cells.order):
+        rule_u, rule_v = gauss(p), gauss(q)
+        step = max(1, _BLOCK // (p * q))
+        for first in range(0, members.size, step):
+            block = members[first : first + step]
+            row = cells.row[block]
+            wi, wo, h, weight = chart.nodes(
+                geometry[row], cells.code[block], cells.box[block], rule_u.nodes, rule_v.nodes
+            )
+            f = integrand(row, wi, wo, h)
+            f *= weight
+            f = f.reshape(block.size, p, q)
+            along_u = f @ rule_v.weights
+            along_v = np.matmul(rule_u.weights, f)
+            cells.value[block] = along_u @ rule_u.weights
+            cells.error[block, 0] = spectrum_bound(along_u @ rule_u.to_coefficients)
+            cells.error[block, 1] = spectrum_bound(along_v @ rule_v.to_coefficients)
+            np.abs(f, out=f)
+            cells.size[block] = f @ rule_v.weights @ rule_u.weights
+
+
+@dataclass
+class _Work:
+    """What becomes of cells: new orders, and along which direction they are cut (-1: none)."""
+
+    parent: np.ndarray
+    order: np.ndarray
+    cut: np.ndarray
+
+    @property
+    def cost(self) -> np.ndarray:
+        return self.order.prod(1) * np.where(self.cut >= 0, 2, 1)
+
+    def take(self, keep: np.ndarray) -> _Work:
+        return _Work(self.parent[keep], self.order[keep], self.cut[keep])
+
+    def children(self, cells: _Cells) -> _Cells:
+        source = np.concatenate((self.parent, self.parent[self.cut >= 0]))
+        box = cells.box[source].copy()
+        first = np.flatnonzero(self.cut >= 0)
+        second = self.parent.size + np.arange(first.size)
+        column = 2 * self.cut[first]
+        middle = 0.5 * (box[first, column] + box[first, column + 1])
+        box[first, column + 1] = middle
+        box[second, column] = middle
+        m = source.size
+        order = np.concatenate((self.order, self.order[first]))
+        return _Cells(
+            *(cells.row[source], cells.code[source], box, order),
+            *(np.zeros(m), np.zeros((m, 2)), np.zeros(m)),
+        )
+
+
+def _plan(cells: _Cells, share: np.ndarray, active: np.ndarray) -> _Work:
+    """Choose, for every cell above its share of the tolerance, an order or a cut."""
+    allowed = share[cells.row]
+    parent = np.flatnonzero(active[cells.row] & (cells.error.sum(1) > allowed))
+    error, old = cells.error[parent], cells.order[parent]
+    size = np.maximum(cells.size[parent], 1e-300)[:, None]
+    goal = 0.25 * allowed[parent][:, None]
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        wanted = old * np.log(goal / size) / np.log(np.minimum(error / size, 0.9))
+    wanted = np.where(error > goal, np.maximum(wanted, old + 2), old)
+    wanted = np.where(np.isfinite(wanted), wanted, 1e9)
+    rung = np.minimum(np.searchsorted(_LADDER, np.minimum(wanted, 1e6)), _LADDER.size - 1)
+    order = np.maximum(_LADDER[rung], old)
+    hopeless = (wanted > np.where(old < 20, 2.0, 1.25) * _TOP) | ((old >= _TOP) & (error > goal))
+    worst = np.argmax(np.where(hopeless, error, -1.0), axis=1)
+    cut = np.where(hopeless.any(1), worst, -1)
+    # A half needs fewer nodes along the cut, and what was planned across it.
+    one = np.arange(parent.size)
+    order[one, worst] = np.where(cut >= 0, np.clip(old[one, worst], 8, 16), order[one, worst])
+    return _Work(parent, order, cut)
+
+
+def _audit(cells: _Cells, children: _Cells, work: _Work, doubt: np.ndarray) -> np.ndarray:
+    """Raise the doubt of rows in which a value moved by more than its bound."""
+    new = children.value[: work.parent.size].copy()
+    slack = children.error[: work.parent.size].sum(1)
+    second = np.flatnonzero(work.cut >= 0)
+    new[second] += children.value[work.parent.size :]
+    slack[second] += children.error[work.parent.size :].sum(1)
+    old = cells.take(work.parent)
+    moved = np.abs(new - old.value) - slack - _ROUNDINGS * _EPS * old.size
+    bound = np.maximum(old.error.sum(1), 1e-300)
+    ratio = np.where(moved > bound, moved / bound, 1.0)
+    ratio = np.where(moved > 1e-13 * np.abs(old.size), ratio, 1.0)
+    doubt = doubt.copy()
+    np.maximum.at(doubt, old.row, np.minimum(ratio, 1e6))
+    return doubt
+
+
+def _probe(
+    chart: Chart, integrand: Integrand, geometry: np.ndarray, cells: _Cells, n: int, nodes: int
+) -> np.ndarray:
+    """How far the integral moves when every direction at the nodes moves by an ulp."""
+    rule = gauss(nodes)
+    weights = np.outer(rule.weights, rule.weights).ravel()
+    shift = np.zeros(n)
+    step = max(1, _BLOCK // (nodes * nodes))
+    # Opposite signs on h's tangential and normal parts move every slope the same way.
+    up, down = 1.0 + _EPS, 1.0 - _EPS
+    for first in range(0, cells.row.size, step):
+        block = slice(first, first + step)
+        row = cells.row[block]
+        wi, wo, h, weight = chart.nodes(
+            geometry[row], cells.code[block], cells.box[block], rule.nodes, rule.nodes
+        )
+        before = integrand(row, wi, wo, h)
+        wi = wi * np.array([up, down, up])[:, None]
+        wo = wo * np.array([down, up, up])[:, None, None]
+        h = h * np.array([up, up, down])[:, None, None]
+        moved = np.abs(integrand(row, wi, wo, h) - before) * np.abs(weight) @ weights
+        shift += np.bincount(row, weights=moved, minlength=n)
+    return shift

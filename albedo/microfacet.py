@@ -1,0 +1,86 @@
+r"""Microfacet distributions and masking functions.
+
+Every distribution D is normalised so that its projected integral \int D(h) (n.h) dh over the
+hemisphere is 1, and is a function of the slopes x = h.x/h.z, y = h.y/h.z.
+"""
+
+from __future__ import annotations
+
+import math
+
+from albedo._compile import kernel
+
+DISTRIBUTIONS = {"beckmann": 0, "ggx": 1, "blinn_phong": 2, "gaussian": 3, "ashikhmin_shirley": 4}
+GEOMETRIES = {"none": 0, "v_cavity": 1, "smith": 2, "smith_correlated": 3}
+
+
+@kernel
+def distribution(code, ax, ay, scale, x, y):
+    """D of the half vector with slopes (x, y).
+
+    ax, ay are widths for beckmann, ggx and gaussian and exponents for the two powers; `scale`
+    is the normalisation constant, which does not depend on direction.
+
+    Sources: Beckmann and GGX, Walter et al. 2007, eqs. 25 and 33; Blinn-Phong and Gaussian,
+    Schwenk, eqs. 36 and 37; Ashikhmin-Shirley, Schwenk, eq. 39, with the constant that makes
+    the projected integral 1 (as printed it lacks 1/(2 pi) and is normalised over solid angle).
+    """
+    tan2 = x * x + y * y
+    q = 1.0 + tan2
+    if code == 0:
+        return scale * math.exp(-(x * x / (ax * ax) + y * y / (ay * ay))) * q * q
+    if code == 1:
+        g = q / (1.0 + x * x / (ax * ax) + y * y / (ay * ay))
+        return scale * g * g
+    if code == 2:
+        return scale * math.exp(-0.5 * ax * math.log1p(tan2))
+    if code == 3:
+        delta = math.atan(math.sqrt(tan2))
+        return scale * math.exp(-(delta * delta) / (ax * ax))
+    n = ax
+    if tan2 > 0.0:
+        n = (ax * x * x + ay * y * y) / tan2
+    return scale * math.exp(-0.5 * n * math.log1p(tan2))
+
+
+@kernel
+def beckmann_lambda(a):
+    """Smith's Lambda for Beckmann slopes, a = 1/(alpha tan(theta)) (Walter et al. 2007, sect. 5.2).
+
+    Lambda = (exp(-a^2)/(a sqrt(pi)) - erfc(a))/2; from a = 2.5 on the difference is written with
+    the continued fraction of erfc, whose leading term cancels exactly.
+    """
+    if a > 27.0:
+        return 0.0
+    e = math.exp(-a * a) / 1.7724538509055160273
+    if a < 2.5:
+        return 0.5 * (e / a - math.erfc(a))
+    k = 0.0
+    for i in range(6 + int(120.0 / (a * a)), 0, -1):
+        k = 0.5 * i / (a + k)
+    return 0.5 * e * k / (a * (a + k))
+
+
+@kernel
+def smith_lambda(code, ax, ay, vx, vy, vz):
+    """Smith's Lambda(v): exact for beckmann and ggx; the other distributions borrow beckmann's.
+
+    The two powers take alpha = sqrt(2/(n + 2)) (Walter et al. 2007, sect. 5.2), the Gaussian its
+    own m; neither is the masking that belongs to the distribution: their furnace is not exact.
+    """
+    if code == 2 or code == 4:
+        ax = math.sqrt(2.0 / (ax + 2.0))
+        ay = math.sqrt(2.0 / (ay + 2.0))
+    t = math.hypot(ax * vx, ay * vy) / vz
+    if code == 1:
+        t2 = t * t
+        return 0.5 * t2 / (1.0 + math.sqrt(1.0 + t2))
+    if t == 0.0:
+        return 0.0
+    return beckmann_lambda(1.0 / t)
+
+
+@kernel
+def v_cavity(n_dot_h, n_dot_l, n_dot_v, l_dot_h):
+    """Torrance and Sparrow's masking, NNS eq. 10: min(1, 2 NH NV/VH, 2 NH NL/VH)."""
+    return min(1.0, 2.0 * n_dot_h * min(n_dot_l, n_dot_v) / l_dot_h)

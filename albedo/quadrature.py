@@ -1,0 +1,309 @@
+"""Directional and average albedo by quadrature, with a bound on every number."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from albedo.brdf import Model, Part
+from albedo.directions import real_array
+from albedo.errors import ConvergenceWarning, DivergenceError, InputError
+from albedo.estimate import Estimate
+from albedo.integrators.adaptive import Result, integrate
+
+DEFAULT_LIMIT = 400_000
+"""Evaluations per value before the quadrature gives up and says so."""
+
+# A direction this close to the horizon, in widths of the lobe, stands for cos_theta = 0; the
+# change from one a thousand times farther is added to the bound.
+_GRAZING = 1e-18
+_GRAZING_STEP = 1e3
+
+
+def check_directions(cos_theta: ArrayLike, phi: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    """cos_theta in [0, 1] and phi in radians, as float64 arrays that broadcast."""
+    c, p = real_array(cos_theta, "cos_theta"), real_array(phi, "phi")
+    outside = (c < 0) | (c > 1)
+    if np.any(outside):
+        raise InputError(f"cos_theta = {c[outside].flat[0]:g} is out of range; it lies in [0, 1]")
+    try:
+        np.broadcast_shapes(c.shape, p.shape)
+    except ValueError:
+        raise InputError(
+            f"cos_theta of shape {c.shape} and phi of shape {p.shape} do not broadcast"
+        ) from None
+    return c, p
+
+
+def check_tolerances(rtol: float, atol: float) -> None:
+    """Refuse tolerances that no number can meet."""
+    for name, value in (("rtol", rtol), ("atol", atol)):
+        if not (isinstance(value, int | float) and math.isfinite(value) and 0 <= value < 1):
+            raise InputError(f"{name} = {value!r} is out of range; it lies in [0, 1)")
+    if rtol < 1e-14 and atol == 0.0:
+        raise InputError(f"rtol = {rtol:g} is below what float64 can meet; ask for 1e-14 or more")
+
+
+def directional_albedo(
+    model: Model,
+    cos_theta: ArrayLike,
+    phi: ArrayLike = 0.0,
+    rtol: float = 1e-8,
+    atol: float = 0.0,
+    *,
+    fixed: str = "light",
+    complement: bool = False,
+    max_evaluations: int | None = None,
+) -> Estimate:
+    r"""Directional albedo: the share of the light from one direction that is reflected.
+
+    a(L) = \int f(L, V) (n.V) dV over the hemisphere, Dirac parts included (NNS eq. 2).
+
+    Parameters
+    ----------
+    model : Model
+        A model of the catalogue, or one made by `albedo.model_from`.
+    cos_theta : array_like
+        Cosines of the angle of incidence, in [0, 1]. At 0 the result is the limit.
+    phi : array_like
+        Azimuth in radians; it broadcasts with `cos_theta`.
+    rtol, atol : float
+        The error asked for: at most max(atol, rtol |a|).
+    fixed : {"light", "view"}
+        Which direction is given; the other one is integrated over. They differ for models that
+        are not reciprocal.
+    complement : bool
+        Return 1 - a instead: integrated directly, without cancellation, where the model states
+        a unit integral, and by subtraction elsewhere.
+    max_evaluations : int, optional
+        Most evaluations per value (default 400,000).
+
+    Returns
+    -------
+    Estimate
+        Arrays shaped as the broadcast of `cos_theta` and `phi`, of kind ``bound``.
+
+    Raises
+    ------
+    InputError
+        For input out of range.
+    DivergenceError
+        At cos_theta = 0 when the albedo has no finite limit there.
+
+    Warns
+    -----
+    ConvergenceWarning
+        When a tolerance was not met; `Estimate.converged` tells where.
+
+    Examples
+    --------
+    >>> import albedo
+    >>> print(albedo.directional_albedo(albedo.model("lambert", rho=0.5), 1.0, rtol=1e-6))
+    0.5000000000000000(9) [bound]
+    """
+    c, p = check_directions(cos_theta, phi)
+    c, p = np.broadcast_arrays(c, p)
+    estimate = albedo_rows(
+        [model] * c.size,
+        *(c.ravel(), p.ravel()),
+        rtol=rtol,
+        atol=atol,
+        fixed=fixed,
+        complement=complement,
+        max_evaluations=max_evaluations,
+    )
+    warn_unconverged(estimate, rtol, atol)
+    return reshaped(estimate, c.shape)
+
+
+def warn_unconverged(estimate: Estimate, rtol: float, atol: float) -> None:
+    """Warn once when a value missed its tolerance."""
+    missed = int(np.size(estimate.converged) - np.count_nonzero(estimate.converged))
+    if missed:
+        warnings.warn(
+            f"{missed} of {np.size(estimate.converged)} values missed rtol={rtol:g}, "
+            f"atol={atol:g}; their bounds hold, see Estimate.converged",
+            ConvergenceWarning,
+            stacklevel=3,
+        )
+
+
+def reshaped(estimate: Estimate, shape: tuple[int, ...]) -> Estimate:
+    """The estimate with all arrays in another shape."""
+    return Estimate(
+        *(estimate.value.reshape(shape), estimate.error.reshape(shape), estimate.kind),
+        *(estimate.evaluations.reshape(shape), estimate.converged.reshape(shape)),
+        estimate.resolved_width,
+        {name: reshaped(part, shape) for name, part in estimate.parts.items()},
+    )
+
+
+def albedo_rows(
+    models: Sequence[Model],
+    cos_theta: np.ndarray,
+    phi: np.ndarray,
+    *,
+    rtol: float,
+    atol: float,
+    fixed: str = "light",
+    complement: bool = False,
+    max_evaluations: int | None = None,
+) -> Estimate:
+    """Albedos of many rows, each with its own model of one class, in one batch.
+
+    Parameters
+    ----------
+    models : sequence of Model, length n
+        All of one class; repeated entries should be the same object.
+    cos_theta, phi : ndarray, shape (n,)
+        Directions.
+    rtol, atol, fixed, complement, max_evaluations
+        As in `directional_albedo`.
+
+    Returns
+    -------
+    Estimate
+        With arrays of shape (n,).
+    """
+    check_tolerances(rtol, atol)
+    if fixed not in ("light", "view"):
+        raise InputError(f"fixed = {fixed!r} is unknown; choose light or view")
+    limit = DEFAULT_LIMIT if max_evaluations is None else max_evaluations
+    if not isinstance(limit, int) or limit < 16:
+        raise InputError(f"max_evaluations = {limit!r} is out of range; it must be at least 16")
+    options: dict[str, Any] = {"rtol": rtol, "atol": atol, "limit": limit}
+    swap = fixed == "view"
+    zero = cos_theta == 0.0
+    if not zero.any():
+        return _rows(models, cos_theta, phi, swap, complement, options)
+    for model in models:
+        if not model.grazing_limit:
+            raise DivergenceError(f"the albedo of {model.spec} diverges at cos_theta = 0")
+    smallest = np.array([min((min(p.widths) for p in m.parts()), default=1.0) for m in models])
+    near = np.where(zero, _GRAZING * np.minimum(smallest, 1.0), cos_theta)
+    far = np.where(zero, near * _GRAZING_STEP, cos_theta)
+    limit_value = _rows(models, near, phi, swap, complement, options)
+    other = _rows(models, far, phi, swap, complement, options)
+    moved = np.where(zero, np.abs(limit_value.value - other.value), 0.0)
+    value, error = limit_value.value.copy(), limit_value.error + moved
+    for i in np.flatnonzero(zero):
+        known = models[i].grazing_albedo()
+        if known is not None:
+            value[i], error[i] = (1.0 - known if complement else known), 0.0
+    done = error <= np.maximum(atol, rtol * np.abs(value))
+    return Estimate(
+        *(value, error, "bound", limit_value.evaluations + other.evaluations * zero),
+        *(limit_value.converged & (done | ~zero), limit_value.resolved_width, limit_value.parts),
+    )
+
+
+def _rows(
+    models: Sequence[Model],
+    cos_theta: np.ndarray,
+    phi: np.ndarray,
+    swap: bool,
+    complement: bool,
+    options: dict[str, Any],
+) -> Estimate:
+    """Sum the parts and spikes of every row; batch the rows whose parts share a structure."""
+    n = cos_theta.size
+    distinct = {id(m): m for m in models}
+    prepared = {key: (m.parts(), m.pack(), m.isotropic) for key, m in distinct.items()}
+    keys = [id(m) for m in models]
+    batches: dict[Any, list[int]] = {}
+    for i, key in enumerate(keys):
+        parts, _, isotropic = prepared[key]
+        structure = (tuple((q.name, q.fill, q.chart) for q in parts), isotropic)
+        batches.setdefault(structure, []).append(i)
+    value, error, evaluations = np.zeros(n), np.zeros(n), np.zeros(n, dtype=int)
+    converged = np.ones(n, dtype=bool)
+    contributions: dict[str, Estimate] = {}
+    direct = np.zeros(n, dtype=bool)
+    for members in batches.values():
+        rows = np.array(members)
+        parts, _, isotropic = prepared[keys[rows[0]]]
+        loss = complement and len(parts) == 1 and parts[0].loss is not None and not swap
+        direct[rows] = loss
+        p = np.array([prepared[keys[i]][1] for i in rows], dtype=np.float64)
+        share = dict(options, limit=max(16, options["limit"] // max(len(parts), 1)))
+        for k, part in enumerate(parts):
+            widths = np.array([prepared[keys[i]][0][k].widths for i in rows])
+            result = _part(part, p, cos_theta[rows], phi[rows], widths, isotropic, swap, loss, share)
+            value[rows] += result.value
+            error[rows] += result.error
+            evaluations[rows] += result.evaluations
+            converged[rows] &= result.converged
+            piece = contributions.setdefault(part.name, _zeros(n))
+            for name in ("value", "error", "evaluations", "converged"):
+                getattr(piece, name)[rows] = getattr(result, name)
+    spike = _spikes(models, cos_theta, phi)
+    if spike is not None:
+        contributions["mirror"] = spike
+        value += np.where(direct, -spike.value, spike.value)
+        error += spike.error
+    if complement:
+        value = np.where(direct, value, 1.0 - value)
+        error = error + np.where(direct, 0.0, np.finfo(float).eps * np.abs(value))
+    # Parts may converge one by one and the sum may still be fine, or not: the sum decides.
+    converged = error <= np.maximum(options["atol"], options["rtol"] * np.abs(value))
+    width = models[0].resolved_width if models else None
+    several = contributions if len(contributions) > 1 and not complement else {}
+    return Estimate(value, error, "bound", evaluations, converged, width, several)
+
+
+def _zeros(n: int) -> Estimate:
+    return Estimate(
+        np.zeros(n), np.zeros(n), "bound", np.zeros(n, dtype=int), np.ones(n, dtype=bool)
+    )
+
+
+def _spikes(models: Sequence[Model], cos_theta: np.ndarray, phi: np.ndarray) -> Estimate | None:
+    """Energy of the Dirac parts, or None when no model has any."""
+    s = np.sqrt((1 - cos_theta) * (1 + cos_theta))
+    wi = np.stack((s * np.cos(phi), s * np.sin(phi), cos_theta), axis=-1)
+    total, found = _zeros(len(models)), False
+    for key, model in {id(m): m for m in models}.items():
+        rows = np.array([i for i, m in enumerate(models) if id(m) == key])
+        _, weights = model.spikes(wi[rows])
+        found = found or len(weights) > 0
+        total.value[rows] = weights.sum(0)
+    # A closed form of about a dozen roundings, one of them inside an exponential.
+    total.error[:] = 64.0 * np.finfo(float).eps * np.abs(total.value)
+    return total if found else None
+
+
+def _part(
+    part: Part,
+    p: np.ndarray,
+    cos_theta: np.ndarray,
+    phi: np.ndarray,
+    widths: np.ndarray,
+    isotropic: bool,
+    swap: bool,
+    loss: bool,
+    options: dict[str, Any],
+) -> Result:
+    """Integrate one part over all rows of a batch."""
+    fill = part.loss if loss else part.fill
+    assert fill is not None
+
+    def integrand(row: np.ndarray, wi: np.ndarray, wo: np.ndarray, h: np.ndarray) -> np.ndarray:
+        out = np.empty(wo.shape[1:])
+        if not swap:
+            fill(wi, wo, h, p[row], out)
+            return out
+        # The fixed direction is the view: every node is a light direction of its own.
+        count = out.shape[1]
+        light, half = wo.reshape(3, -1), h.reshape(3, -1, 1)
+        view = np.repeat(wi, count, axis=1).reshape(3, -1, 1)
+        out = out.reshape(-1, 1)
+        fill(light, view, half, np.repeat(p[row], count, axis=0), out)
+        return out.reshape(-1, count)
+
+    chart = part.loss_chart if loss else part.chart
+    return integrate(chart, integrand, cos_theta, phi, widths, isotropic, **options)
