@@ -58,7 +58,8 @@ class Ward(Model):
         return (self.alpha_x**-2, self.alpha_y**-2, scale, float(self.form == "fast"))
 
     def parts(self) -> tuple[Part, ...]:
-        # The fast exponent saturates at grazing half vectors, so it may not be cut.
-        decay = "gaussian" if self.form == "exact" else "algebraic"
+        # The fast exponent is a Gaussian of the angle: the cut in slopes fits narrow lobes only.
+        narrow = max(self.alpha_x, self.alpha_y) < 0.05
+        decay = "gaussian" if self.form == "exact" or narrow else "algebraic"
         chart = PolarChart("slope", decay=decay, edge=2)
         return (Part("specular", fill, chart, (self.alpha_x, self.alpha_y)),)

@@ -42,6 +42,8 @@ DECAYS = {"algebraic": 0, "gaussian": 1, "cosine_power": 2}
 
 # Angular layers thinner than this weigh less than the rounding error.
 _THINNEST_LAYER = 1e-17
+# Below this cosine of incidence the layer n.v ~ n.l along the horizon gets a panel of its own.
+_LAYERED_EDGE = 0.03
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,7 @@ class PolarChart:
 
         Returns
         -------
-        geometry : ndarray, shape (n, 12)
+        geometry : ndarray, shape (n, 13)
             What `nodes` needs of each row.
         row : ndarray of int, shape (m,)
             Row to which each panel belongs.
@@ -106,16 +108,24 @@ class PolarChart:
         norm = np.hypot(sp / wx, cp / wy)
         slant = (wx / wy * cp * cp + wy / wx * sp * sp) / norm
         with np.errstate(divide="ignore"):
-            layer = np.where(s > 0, c / (s * slant), np.inf)
+            # A heavy tail feels the horizon at all scales up to half vectors of slope 1.
+            reach = np.maximum(slant, 1.0) if DECAYS[self.decay] == 0 else slant
+            layer = np.where(s > 0, c / (s * reach), np.inf)
         geometry = np.column_stack(
             (
                 *(c, s, np.cos(phi), np.sin(phi), cp, sp, wx, wy),
                 *(-sp / wx / norm, cp / wy / norm, slant, np.clip(layer, _THINNEST_LAYER, 10.0)),
+                self._grades_edge(c, np.minimum(wx, wy)),
             )
         )
         quadrants = 2 if isotropic else 4
         row, code, box = _panels(geometry, quadrants, coarse, *self._structure)
         return geometry, row, code, box
+
+    def _grades_edge(self, c: np.ndarray, width: np.ndarray) -> np.ndarray:
+        """1 where the lobe reaches the horizon and n.v = n.l lies in a thin layer along it."""
+        whole = DECAYS[self.decay] == 0 or (width > 0.1)
+        return np.where((c < _LAYERED_EDGE) & whole & (not self.full), 1.0, 0.0)
 
     @property
     def _structure(self) -> tuple[int, int, int, bool]:
@@ -178,7 +188,7 @@ def _azimuth(g, quadrant, u):
 def _breaks(big_t, width, kind, kinks, decay, full, b):
     """Fill b with tan(delta/2) at the ends of the inner panels.
 
-    Returns the number of panels, and which of the ends the cut has moved, as bits.
+    Returns the number of panels, and a number that tells the arrangements of ends apart.
     """
     g = math.atan2(1.0, -big_t)  # pi/2 + beta
     n = 0
@@ -214,6 +224,16 @@ def _breaks(big_t, width, kind, kinks, decay, full, b):
         if b[j] > cut:
             b[j] = cut
             moved += 1 << j
+    core = 6.0 * width
+    if decay == 0 and core < b[n]:
+        # The core of a heavy-tailed lobe is a panel of its own, the same for every psi.
+        j = n
+        while b[j] > core:
+            b[j + 1] = b[j]
+            j -= 1
+        b[j + 1] = core
+        n += 1
+        moved = j + 1
     return n, moved
 
 
@@ -224,8 +244,24 @@ def _scale(width, decay):
 
 
 @kernel
+def _edge_layer(big_t, c, width):
+    """Distance from the horizon, in tan(delta/2), at which n.v is about n.l or the width.
+
+    Masking sets in where n.v falls below the width of the lobe.
+    """
+    return max(0.5 * min(1.0, width / c) / math.sqrt(1.0 + big_t * big_t), 1e-17)
+
+
+@kernel
+def _split_edge(b, n):
+    """Split the last of n panels halfway, where no lobe is steep any more."""
+    b[n + 1] = b[n]
+    b[n] = 0.5 * (b[n - 1] + b[n + 1])
+
+
+@kernel
 def _pattern(g, quadrant, u, kind, kinks, decay, full, b):
-    """The bits of `_breaks` at u."""
+    """Which arrangement of ends `_breaks` finds at u."""
     cos_psi, _, width, _ = _azimuth(g, quadrant, u)
     return _breaks(g[1] / g[0] * cos_psi, width, kind, kinks, decay, full, b)[1]
 
@@ -239,10 +275,10 @@ def _panels(geometry, quadrants, coarse, kind, kinks, decay, full):
     row = np.empty(room, np.int64)
     code = np.empty((room, 4), np.int64)
     box = np.empty((room, 4), np.float64)
-    cuts = np.empty(64)
-    b = np.empty(6)
-    size = np.empty(6)
-    span = np.empty(6)
+    cuts = np.empty(160)
+    b = np.empty(8)
+    size = np.empty(8)
+    span = np.empty(8)
     count = 0
     for i in range(rows):
         g = geometry[i]
@@ -267,7 +303,7 @@ def _panels(geometry, quadrants, coarse, kind, kinks, decay, full):
                         cuts[m] = math.asinh(d / layer)
                         m += 1
                 cuts[:m].sort()
-            if decay != 0 and not coarse:
+            if not coarse:
                 known = m
                 for k in range(known - 1):
                     low = cuts[k] + 1e-9 * (cuts[k + 1] - cuts[k])
@@ -290,6 +326,8 @@ def _panels(geometry, quadrants, coarse, kind, kinks, decay, full):
                 cuts[:m].sort()
             for k in range(m - 1):
                 u0, u1 = cuts[k], cuts[k + 1]
+                layered = g[12] > 0.0 and quadrant % 2 == 0
+                graded = False
                 if u1 - u0 < 1e-12 * end:
                     continue
                 size[:] = 0.0
@@ -297,11 +335,18 @@ def _panels(geometry, quadrants, coarse, kind, kinks, decay, full):
                 inner = 0
                 for f in (0.02, 0.5, 0.98):
                     cos_psi, _, width, _ = _azimuth(g, quadrant, u0 + f * (u1 - u0))
-                    inner, _ = _breaks(s / c * cos_psi, width, kind, kinks, decay, full, b)
+                    big_t = s / c * cos_psi
+                    inner, found = _breaks(big_t, width, kind, kinks, decay, full, b)
                     scale = _scale(width, decay)
+                    graded = not coarse and (layered or (decay == 0 and found > 0 and not full))
+                    if graded:
+                        _split_edge(b, inner)
+                        inner += 1
                     for j in range(inner):
                         size[j] = max(size[j], b[j + 1] - b[j])
                         folds = math.asinh(b[j + 1] / scale) - math.asinh(b[j] / scale)
+                        if graded and j == inner - 1:
+                            folds = math.asinh((b[j + 1] - b[j]) / _edge_layer(big_t, c, width))
                         span[j] = max(span[j], folds)
                 if coarse:
                     inner = 1
@@ -319,7 +364,7 @@ def _panels(geometry, quadrants, coarse, kind, kinks, decay, full):
                         row[count] = i
                         code[count, 0] = quadrant
                         code[count, 1] = j
-                        code[count, 2] = inner
+                        code[count, 2] = -inner if graded else inner
                         code[count, 3] = 2 if quadrants == 2 else 1
                         box[count, 0] = u0
                         box[count, 1] = u1
@@ -332,36 +377,49 @@ def _panels(geometry, quadrants, coarse, kind, kinks, decay, full):
 @kernel
 def _nodes(geometry, code, box, u, v, kind, kinks, decay, full, edge, wi, wo, h, weight):
     """Directions, half vectors and Jacobians; one row per panel."""
-    b = np.empty(6)
+    b = np.empty(8)
     for k in range(box.shape[0]):
         g = geometry[k]
         c, s, cos_phi, sin_phi = g[0], g[1], g[2], g[3]
         wi[0, k] = s * cos_phi
         wi[1, k] = s * sin_phi
         wi[2, k] = c
-        quadrant, j, inner = code[k, 0], code[k, 1], code[k, 2]
+        quadrant, j, inner = code[k, 0], code[k, 1], abs(code[k, 2])
+        graded = code[k, 2] < 0
         u0, u1, v0, v1 = box[k]
         for iu in range(u.size):
             cos_psi, sin_psi, width, turn = _azimuth(g, quadrant, u0 + (u1 - u0) * u[iu])
-            found, _ = _breaks(s / c * cos_psi, width, kind, kinks, decay, full, b)
-            if inner == 1 and found > 1:
-                b[1] = b[found]  # one panel over all kinks (budget too small to split)
+            big_t = s / c * cos_psi
+            found, _ = _breaks(big_t, width, kind, kinks, decay, full, b)
             scale = _scale(width, decay)
-            s0 = math.asinh(b[j] / scale)
-            s1 = math.asinh(b[j + 1] / scale)
+            if graded:
+                _split_edge(b, found)
+            elif inner == 1 and found > 1:
+                b[1] = b[found]  # one panel over all kinks (budget too small to split)
+            at_edge = graded and j == inner - 1
+            if at_edge:
+                scale = _edge_layer(big_t, c, width)
+                s0 = math.asinh((b[j + 1] - b[j]) / scale)
+                s1 = 0.0
+            else:
+                s0 = math.asinh(b[j] / scale)
+                s1 = math.asinh(b[j + 1] / scale)
             outer = code[k, 3] * turn * (u1 - u0) * (v1 - v0)
             for iv in range(v.size):
                 x = v0 + (v1 - v0) * v[iv]
                 stretch = 1.0
-                if edge > 1 and j == inner - 1:
+                if edge > 1 and j == inner - 1 and not graded:
                     stretch = edge * (1.0 - x) ** (edge - 1)
                     x = 1.0 - (1.0 - x) ** edge
                 e = math.exp(s0 + (s1 - s0) * x)
                 t = 0.5 * scale * (e - 1.0 / e)
+                jac = outer * stretch * abs(s1 - s0) * math.sqrt(scale * scale + t * t)
+                if at_edge:
+                    t = b[j + 1] - t
                 t2 = 1.0 + t * t
                 sin_delta = 2.0 * t / t2
                 cos_delta = (1.0 - t) * (1.0 + t) / t2
-                jac = outer * stretch * (s1 - s0) * math.sqrt(scale * scale + t * t) * 2.0 / t2
+                jac *= 2.0 / t2
                 n_dot_l = c
                 sin_2 = 2.0 * sin_delta * cos_delta
                 two_sin2 = 2.0 * sin_delta * sin_delta

@@ -29,6 +29,7 @@ _BLOCK = 16384
 # Each number that a chart or a kernel hands on carries a few roundings.
 _ROUNDINGS = 16.0
 _ROUNDS = 60
+_GROWTH = 0.65
 
 
 class Chart(Protocol):
@@ -262,7 +263,8 @@ def _plan(cells: _Cells, share: np.ndarray, active: np.ndarray) -> _Work:
     size = np.maximum(cells.size[parent], 1e-300)[:, None]
     goal = 0.25 * allowed[parent][:, None]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        wanted = old * np.log(goal / size) / np.log(np.minimum(error / size, 0.9))
+        # Spectra of entire functions fall ever faster, so less than proportionally more will do.
+        wanted = old * (np.log(goal / size) / np.log(np.minimum(error / size, 0.9))) ** _GROWTH
     wanted = np.where(error > goal, np.maximum(wanted, old + 2), old)
     wanted = np.where(np.isfinite(wanted), wanted, 1e9)
     rung = np.minimum(np.searchsorted(_LADDER, np.minimum(wanted, 1e6)), _LADDER.size - 1)

@@ -19,7 +19,7 @@ LADDER = (2, 3, 4, 5, 6, 8, 10, 12, 14, 16, 20, 24, 28, 32)
 """Numbers of nodes that cells may use."""
 
 # The bound is _SAFETY * tail * fall**steepness; tests/test_rules.py measures how it covers.
-_SAFETY = 10.0
+_SAFETY = 30.0
 _STEEPNESS = (1.0, 1.5)
 
 
@@ -68,7 +68,7 @@ def spectrum_bound(coefficients: np.ndarray) -> np.ndarray:
     if p < 6:
         # Too short a spectrum to see a rate: everything but the mean may be aliased.
         return 4.0 * a[..., 1:].sum(-1) + (0.25 if p < 4 else 0.0) * a[..., 0]
-    tail = a[..., p - 3 :].max(-1)
+    tail = a[..., p - (4 if p > 8 else 3) :].max(-1)
     middle = np.maximum(a[..., p // 2 - 2 :].max(-1), tail)
     head = np.maximum(a[..., p // 4 - 1 :].max(-1), middle)
     last = a[..., p - 2 :].max(-1)

@@ -1,0 +1,688 @@
+"""The command line: ``albedo models``, ``eval``, ``table``, ``plot``, ``study`` and ``report``."""
+
+from __future__ import annotations
+
+import errno
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+
+import typer
+from typer.core import TyperGroup
+
+from albedo.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from rich.console import Console
+    from rich.table import Table
+
+    from albedo.grammar import ModelSpec
+    from albedo.studies import Result
+
+BAD_INPUT = 2
+INTERRUPTED = 130
+
+
+class _Commands(TyperGroup):
+    """Commands whose bad input ends in one sentence and a status, not in a traceback."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except InputError as error:
+            _fail(str(error))
+        except OSError as error:
+            # A reader that has seen enough (| head) is no failure of ours: typer ends quietly.
+            if error.errno == errno.EPIPE:
+                raise
+            where = f" '{error.filename}'" if error.filename else ""
+            _fail(f"The file{where} cannot be used: {error.strerror or error}")
+        except KeyboardInterrupt:
+            typer.echo("Interrupted; files that were not finished were not kept.", err=True)
+            raise typer.Exit(INTERRUPTED) from None
+
+
+def _fail(message: str) -> NoReturn:
+    sentence = message if message.endswith((".", "?", "!")) else message + "."
+    typer.echo(f"Error: {sentence}", err=True)
+    raise typer.Exit(BAD_INPUT)
+
+
+# Plain help: examples hold square brackets, which markup would swallow, and it starts faster.
+app = typer.Typer(
+    cls=_Commands,
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
+study_app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
+app.add_typer(study_app, name="study", help="List and run studies: one file, one question.")
+
+
+def main() -> None:
+    """Run the command line; the entry point of the ``albedo`` script."""
+    try:
+        app()
+    except KeyboardInterrupt:
+        # Interrupted before a command began or after it ended.
+        sys.exit(INTERRUPTED)
+
+
+def _complete_model(incomplete: str) -> list[str]:
+    from albedo.catalogue import names
+
+    return [name for name in names() if name.startswith(incomplete)]
+
+
+def _complete_study(incomplete: str) -> list[str]:
+    found = sorted(path.stem for path in Path("studies").glob("*.py"))
+    return [name for name in found if name.startswith(incomplete) and name[0] != "_"]
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        import albedo
+
+        typer.echo(f"albedo {albedo.__version__}")
+        raise typer.Exit
+
+
+ModelArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="MODEL",
+        help="A model with its parameters, such as ward:m=0.1; sweeps such as ward:m=0.02..1/32 "
+        "or ward:m=[.1,.2,.5] are allowed.",
+        autocompletion=_complete_model,
+    ),
+]
+CosOption = Annotated[
+    str | None,
+    typer.Option(
+        "--cos",
+        metavar="NUMBERS",
+        help="Cosines of the angle of incidence: numbers and ranges, such as 1,0.5,1e-3 or "
+        "0.01..1/32 or 1e-6..1/61log.",
+    ),
+]
+ThetaOption = Annotated[
+    str | None,
+    typer.Option(
+        "--theta",
+        metavar="DEGREES",
+        help="Angles of incidence in degrees instead, such as 0,60,85 or 0..89/90.",
+    ),
+]
+PhiOption = Annotated[
+    str,
+    typer.Option("--phi", metavar="DEGREES", help="Azimuths of the incident direction, degrees."),
+]
+FullOption = Annotated[
+    bool, typer.Option("--full", help="Full fidelity, which may take long, instead of quick.")
+]
+StudiesDirOption = Annotated[
+    Path | None,
+    typer.Option("--studies-dir", help="Folder of the studies.", show_default="./studies"),
+]
+
+
+@app.callback()
+def _main(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version."),
+    ] = False,
+) -> None:
+    """Directional albedos of reflectance models, every number with an error bound.
+
+    A model is written as its name and parameters: ward:m=0.1, or
+    cook_torrance:m=0.3,distribution=ggx. A sweep is m=0.02..1/32 (32 even steps),
+    m=0.001..1/32log, or m=[.1,.2,.5]; a vector is (.9,.5,.1).
+
+    \b
+    Examples:
+      albedo models ward
+      albedo eval ward:m=0.1 --theta 0,60,85
+      albedo table "ward:m=0.02..1/32" -o ward.nc
+      albedo plot ward:m=0.1 phong:n=150 -o albedo.png
+    """
+
+
+@app.command()
+def models(
+    name: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="NAME", help="Show one model in full.", autocompletion=_complete_model
+        ),
+    ] = None,
+) -> None:
+    """List the models, or show one: parameters, ranges, units, promises, equation, references.
+
+    \b
+    Examples:
+      albedo models
+      albedo models cook_torrance
+    """
+    if name is None:
+        _list_models()
+    else:
+        _show_model(name)
+
+
+def _list_models() -> None:
+    import albedo
+
+    table = _new_table("model", "what it is", "equation", "reciprocal", "conserves energy")
+    for name, kind in albedo.models().items():
+        promises = (_yes(kind.reciprocal), _yes(kind.conserves_energy))
+        table.add_row(name, kind.title, kind.equation, *promises)
+    _print(table)
+
+
+def _show_model(name: str) -> None:
+    from albedo.catalogue import model_class
+
+    kind = model_class(name)
+    typer.echo(f"{kind.name}: {kind.title}")
+    typer.echo(f"equation:          {kind.equation}")
+    typer.echo(f"references:        {', '.join(kind.references)}")
+    typer.echo(f"reciprocal:        {_yes(kind.reciprocal)}")
+    typer.echo(f"conserves energy:  {_yes(kind.conserves_energy)}")
+    table = _new_table("parameter", "default", "allowed", "unit", "meaning")
+    for item in kind.parameter_info():
+        table.add_row(item.name, _default(item.default), item.range_text, item.unit, item.doc)
+    if table.row_count:
+        typer.echo()
+        _print(table)
+
+
+def _yes(promise: Any) -> str:
+    # A model whose promise depends on its parameters declares a property.
+    if isinstance(promise, bool):
+        return "yes" if promise else "no"
+    return "depends on its parameters"
+
+
+def _default(value: Any) -> str:
+    from albedo.grammar import format_value
+
+    return "" if value is None else format_value(value)
+
+
+@app.command("eval")
+def evaluate(
+    model: ModelArgument,
+    cos: CosOption = None,
+    theta: ThetaOption = None,
+    phi: PhiOption = "0",
+    rtol: Annotated[float, typer.Option(help="Relative tolerance.")] = 1e-8,
+    fixed: Annotated[
+        str, typer.Option(metavar="light|view", help="The direction that is held.")
+    ] = "light",
+    complement: Annotated[
+        bool, typer.Option("--complement", help="One minus the albedo, without cancellation.")
+    ] = False,
+    average: Annotated[
+        bool, typer.Option("--average", help="The cosine-weighted mean over all directions.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON with every digit.")] = False,
+    as_csv: Annotated[bool, typer.Option("--csv", help="Print CSV with every digit.")] = False,
+) -> None:
+    """Print albedos with their error bounds.
+
+    Without --cos and --theta: 0, 15, 30, 45, 60, 75, 85 and 89 degrees. In JSON, numbers that
+    are not finite are the strings "Infinity", "-Infinity" and "NaN".
+
+    \b
+    Examples:
+      albedo eval ward:m=0.1 --theta 0,60,85
+      albedo eval phong:n=1e6 --cos 1,0.5,1e-3 --rtol 1e-12
+      albedo eval "ward:m=[.1,.2,.5]" --average
+      albedo eval ward:alpha_x=0.1,alpha_y=0.3 --theta 60 --phi 0,45,90 --json
+    """
+    import albedo
+    from albedo.grammar import parse
+
+    if as_json and as_csv:
+        raise InputError("Both --json and --csv are given; choose one.")
+    spec = parse(model)
+    if average:
+        given = [
+            option
+            for option, value in (
+                ("--cos", cos),
+                ("--theta", theta),
+                ("--phi", phi if phi != "0" else None),
+                ("--fixed", fixed if fixed != "light" else None),
+                ("--complement", complement or None),
+            )
+            if value is not None
+        ]
+        if given:
+            raise InputError(f"--average is over all directions and does not go with {given[0]}.")
+    else:
+        cosines, angles = _incidence(cos, theta, default="0,15,30,45,60,75,85,89")
+        azimuths = _azimuths(phi)
+    rows: list[dict[str, Any]] = []
+    with _warnings_as_lines(), _progress("evaluating", spec.count) as advance:
+        for done, (label, built) in enumerate(_labelled(spec), 1):
+            if average:
+                estimate = albedo.average_albedo(built, rtol=rtol)
+                rows += _rows(label, "average albedo", estimate, None, None, None)
+            else:
+                quantity = "1 - albedo" if complement else "albedo"
+                for azimuth in azimuths:
+                    estimate = albedo.directional_albedo(
+                        built,
+                        cosines,
+                        phi=_radians(azimuth),
+                        rtol=rtol,
+                        fixed=fixed,
+                        complement=complement,
+                    )
+                    rows += _rows(label, quantity, estimate, cosines, angles, azimuth)
+            advance(done, spec.count)
+    if as_json:
+        import json
+
+        from albedo.files import strict
+
+        typer.echo(json.dumps(strict(rows), indent=2, allow_nan=False))
+    elif as_csv:
+        import pandas as pd
+
+        typer.echo(pd.DataFrame(rows).to_csv(index=False, lineterminator="\n"), nl=False)
+    else:
+        _print_rows(rows)
+
+
+def _rows(
+    label: str,
+    quantity: str,
+    estimate: Any,
+    cosines: np.ndarray | None,
+    angles: np.ndarray | None,
+    azimuth: float | None,
+) -> list[dict[str, Any]]:
+    """One row for every direction and, where a model has several parts, for each of them."""
+    import numpy as np
+
+    several = dict(estimate.parts) if len(estimate.parts) > 1 else {}
+    rows = []
+    for index in range(1 if cosines is None else len(cosines)):
+        for part, item in (("total", estimate), *several.items()):
+            row: dict[str, Any] = {"model": label, "quantity": quantity}
+            if several:
+                row["part"] = part
+            if cosines is not None and angles is not None:
+                row["theta"] = float(angles[index])
+                row["cos_theta"] = float(cosines[index])
+                row["phi"] = azimuth
+            row["value"] = float(np.atleast_1d(item.value)[index])
+            row["error"] = float(np.atleast_1d(item.error)[index])
+            row["kind"] = item.kind
+            row["evaluations"] = int(np.atleast_1d(item.evaluations)[index])
+            row["converged"] = bool(np.atleast_1d(item.converged)[index])
+            row["resolved_width"] = item.resolved_width
+            rows.append(row)
+    return rows
+
+
+def _print_rows(rows: list[dict[str, Any]]) -> None:
+    from albedo.report import with_error
+
+    # Columns that say the same in every row only take room.
+    several_azimuths = len({row.get("phi") for row in rows} | {0.0}) > 1
+    heads = ["model"]
+    heads += ["part"] if "part" in rows[0] else []
+    heads += ["theta"] if "theta" in rows[0] else []
+    heads += ["cos_theta"] if "theta" in rows[0] else []
+    heads += ["phi"] if "phi" in rows[0] and several_azimuths else []
+    quantity, kind = rows[0]["quantity"], rows[0]["kind"].replace("_", " ")
+    table = _new_table(*heads, f"{quantity} ({kind})", "evaluations", "converged", right=True)
+    last = None
+    for row in rows:
+        if last is not None and row["model"] != last:
+            table.add_section()
+        cells = [_short(row[head]) for head in heads]
+        if row["model"] == last:
+            cells[0] = ""
+        last = row["model"]
+        table.add_row(
+            *cells,
+            with_error(row["value"], row["error"]),
+            str(row["evaluations"]),
+            "yes" if row["converged"] else "NO",
+        )
+    _print(table)
+    widths = {row["resolved_width"] for row in rows} - {None}
+    if widths:
+        typer.echo(f"The bounds hold for features wider than {max(widths):g} radians.")
+
+
+def _short(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+@app.command()
+def table(
+    model: ModelArgument,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="File that ends in .nc (netCDF) or .csv.")
+    ],
+    cos: CosOption = None,
+    theta: ThetaOption = None,
+    phi: PhiOption = "0",
+    rtol: Annotated[float, typer.Option(help="Relative tolerance.")] = 1e-8,
+    threads: Annotated[int, typer.Option(help="Threads to compute with.")] = 1,
+) -> None:
+    """Write a table of albedos over angles and swept parameters.
+
+    Without --cos and --theta: 0.01..1/32 in the cosine. netCDF keeps units, citations, tolerance
+    and version beside the numbers; CSV has one row per value.
+
+    \b
+    Examples:
+      albedo table "ward:m=0.02..1/32" -o ward.nc
+      albedo table "phong:n=1..1e6/61log" --cos 1e-4..1/41log -o phong.csv --threads 4
+      albedo table ward:alpha_x=0.1,alpha_y=0.3 --theta 0..85/18 --phi 0..90/7 -o aniso.nc
+    """
+    import numpy as np
+
+    import albedo
+    from albedo.files import check_output, save_table
+    from albedo.grammar import ModelSpec, parse
+
+    check_output(output, (".nc", ".csv"))
+    spec = parse(model)
+    cosines, _ = _incidence(cos, theta, default_cos="0.01..1/32")
+    azimuths = np.array([_radians(azimuth) for azimuth in _azimuths(phi)])
+    for what, values in (("angles of incidence", cosines), ("azimuths", azimuths)):
+        if len(np.unique(values)) < len(values):
+            raise InputError(f"The {what} of a table must differ, and two of them are the same.")
+    # The first combination stands for the parameters that are swept; all of them get checked.
+    first = next(spec.assignments())
+    base = ModelSpec(spec.name, {**spec.fixed, **first}).model()
+    with _warnings_as_lines(), _progress("computing the table", None) as advance:
+        dataset = albedo.table(
+            base,
+            cos_theta=cosines,
+            phi=azimuths,
+            sweep=dict(spec.sweep),
+            rtol=rtol,
+            threads=threads,
+            progress=advance,
+        )
+    save_table(dataset, output)
+    typer.echo(f"{output}: {dataset['value'].size} albedos of {spec}")
+
+
+@app.command()
+def plot(
+    models: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="MODEL",
+            help="Models with their parameters, sweeps allowed, all in one figure.",
+            autocompletion=_complete_model,
+        ),
+    ],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="File that ends in .png, .svg or .pdf.")
+    ],
+    grazing: Annotated[
+        bool, typer.Option("--grazing", help="Logarithmic axis in the cosine of the angle.")
+    ] = False,
+    min_cos: Annotated[
+        float | None,
+        typer.Option("--min-cos", help="Smallest cosine with --grazing.", show_default="1e-6"),
+    ] = None,
+    phi: Annotated[
+        float, typer.Option("--phi", help="Azimuth of the incident direction, degrees.")
+    ] = 0.0,
+    rtol: Annotated[float, typer.Option(help="Relative tolerance.")] = 1e-6,
+) -> None:
+    """Draw albedo curves of models and sweeps against the angle of incidence.
+
+    \b
+    Examples:
+      albedo plot ward:m=0.1 phong:n=150 cook_torrance:m=0.1 -o albedo.png
+      albedo plot "ward:m=[.1,.2,.5]" --grazing --min-cos 1e-9 -o grazing.svg
+    """
+    from albedo import plotting
+    from albedo.files import check_output
+    from albedo.grammar import parse
+
+    check_output(output, plotting.SUFFIXES)
+    if min_cos is not None and not grazing:
+        raise InputError("--min-cos needs --grazing: a linear axis ends at 89.9 degrees.")
+    specs = [parse(model) for model in models]
+    cosines = (
+        plotting.grazing_grid(1e-6 if min_cos is None else min_cos)
+        if grazing
+        else plotting.angle_grid()
+    )
+    azimuth = _radians(_azimuths(repr(phi))[0])
+    total = sum(spec.count for spec in specs)
+    with _warnings_as_lines(), _progress("computing curves", total) as advance:
+        curves = plotting.measure(specs, cosines, phi=azimuth, rtol=rtol, progress=advance)
+    figure = plotting.draw(curves, grazing=grazing, phi=azimuth or None)
+    plotting.save_figure(figure, output)
+    typer.echo(f"{output}: {len(curves)} curve{'' if len(curves) == 1 else 's'}")
+
+
+@study_app.command("list")
+def list_studies(studies_dir: StudiesDirOption = None) -> None:
+    """List the studies of a folder.
+
+    \b
+    Examples:
+      albedo study list
+      albedo study list --studies-dir my_studies
+    """
+    from albedo.studies import discover
+
+    table = _new_table("study", "title", "reproduces", "claims")
+    for file in discover(studies_dir):
+        study = file.load().study
+        source = ", ".join(text for text in (study.figure, study.paper) if text)
+        table.add_row(study.name, study.title, source, ", ".join(study.claims))
+    _print(table)
+
+
+@study_app.command("run")
+def run_studies(
+    names: Annotated[
+        list[str],
+        typer.Argument(metavar="NAME", help="Studies to run.", autocompletion=_complete_study),
+    ],
+    full: FullOption = False,
+    studies_dir: StudiesDirOption = None,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="Folder for the folders of results.")
+    ] = Path("reports/studies"),
+) -> None:
+    """Run studies; each puts a folder of tables, figures and a manifest in place when finished.
+
+    A study that stops with an error leaves its former results alone; the others run, and the
+    status is 1. A claim that fails is a finding, not an error.
+
+    \b
+    Examples:
+      albedo study run nns_fig1
+      albedo study run nns_fig1 --full -o results
+    """
+    from albedo.studies import discover, run_study
+
+    known = {file.name: file for file in discover(studies_dir)}
+    for name in names:
+        if name not in known:
+            raise InputError(f"There is no study '{name}'; there are {', '.join(known)}.")
+    failed = False
+    for name in dict.fromkeys(names):
+        with _study_progress(name) as advance:
+            result = run_study(known[name], output, full=full, progress=advance)
+        _say_result(result)
+        failed = failed or result.failed
+    if failed:
+        raise typer.Exit(1)
+
+
+@app.command()
+def report(
+    full: FullOption = False,
+    studies_dir: StudiesDirOption = None,
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the site.")] = Path(
+        "reports/build"
+    ),
+) -> None:
+    """Run all studies and build a static site of what they found.
+
+    A study that stops with an error has it shown on its page; the others run, and the status
+    is 1.
+
+    \b
+    Examples:
+      albedo report
+      albedo report --full -o site
+    """
+    from albedo.report import build_report
+    from albedo.studies import discover
+
+    files = discover(studies_dir)
+    with _study_progress("studies") as advance:
+        results = build_report(files, output, full=full, progress=advance, finished=_say_result)
+    typer.echo(f"The report is at {output / 'index.html'}")
+    if any(result.failed for result in results):
+        raise typer.Exit(1)
+
+
+def _say_result(result: Result) -> None:
+    manifest = result.manifest
+    if manifest["error"] is not None:
+        error = manifest["error"]
+        typer.echo(f"{result.name}: failed, {error['kind']}: {error['message']}", err=True)
+        typer.echo(f"  {error['where'].splitlines()[-1]}", err=True)
+        return
+    typer.echo(f"{result.name}: {result.folder} ({manifest['seconds']:.1f} s)")
+    for claim in manifest["claims"]:
+        typer.echo(f"  {claim['id']}: {claim['verdict']} ({claim['statement']})")
+    for warning in manifest["warnings"]:
+        typer.echo(f"  warning: {warning}", err=True)
+
+
+def _incidence(
+    cos: str | None, theta: str | None, default: str | None = None, default_cos: str | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Cosines and angles in degrees from whichever of the two is given."""
+    import numpy as np
+
+    from albedo.grammar import cos_degrees, parse_numbers
+
+    if cos is not None and theta is not None:
+        raise InputError("Both --cos and --theta are given; choose one.")
+    if cos is None and theta is None:
+        cos, theta = default_cos, default
+    if cos is not None:
+        cosines = parse_numbers(cos, "--cos")
+        for value in cosines:
+            if not 0.0 <= value <= 1.0:
+                raise InputError(f"--cos has {value:g}; a cosine must be within 0 and 1.")
+        return cosines, np.degrees(np.arccos(cosines))
+    assert theta is not None
+    angles = parse_numbers(theta, "--theta")
+    return np.array([cos_degrees(angle) for angle in angles]), angles
+
+
+def _azimuths(phi: str) -> list[float]:
+    from albedo.grammar import parse_numbers
+
+    return [float(value) for value in parse_numbers(phi, "--phi")]
+
+
+def _radians(degrees: float) -> float:
+    import math
+
+    return math.radians(degrees)
+
+
+def _labelled(spec: ModelSpec) -> Iterator[tuple[str, Any]]:
+    """Models with the shortest text that names each: what was written, without the defaults."""
+    from albedo.grammar import format_spec
+
+    for values, model in zip(spec.assignments(), spec.models(), strict=True):
+        yield format_spec(spec.name, {**spec.fixed, **values}), model
+
+
+@contextmanager
+def _warnings_as_lines() -> Iterator[None]:
+    """Print a warning as one line on stderr, once, instead of with a line of source code."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        yield
+    for text in dict.fromkeys(str(item.message) for item in caught):
+        typer.echo(f"Warning: {text}", err=True)
+
+
+@contextmanager
+def _progress(what: str, total: int | None) -> Iterator[Callable[[int, int], None]]:
+    """Show a transient progress bar on stderr, when it is a terminal and there is a wait."""
+    if not sys.stderr.isatty() or total == 1:
+        yield lambda done, total: None
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(what, total=total)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+@contextmanager
+def _study_progress(what: str) -> Iterator[Callable[[int, int, str], None]]:
+    if not sys.stderr.isatty():
+        yield lambda done, total, text: None
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(what, total=None)
+        yield lambda done, total, text: bar.update(
+            task, completed=done, total=total, description=f"{what} {text}".strip()
+        )
+
+
+def _new_table(*heads: str, right: bool = False) -> Table:
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, header_style="bold")
+    for head in heads:
+        numeric = right and head not in ("model", "part", "converged")
+        table.add_column(head, justify="right" if numeric else "left", overflow="fold")
+    return table
+
+
+def _print(table: Table) -> None:
+    console: Console
+    from rich.console import Console
+    from rich.measure import Measurement
+
+    console = Console(markup=False, highlight=False, emoji=False)
+    if not console.is_terminal:
+        # What is piped is read by programs: nothing is folded to fit a screen.
+        console.width = max(
+            Measurement.get(console, console.options.update(width=100_000), table).maximum, 1
+        )
+    console.print(table)
+
+
+if __name__ == "__main__":
+    main()

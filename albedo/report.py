@@ -1,0 +1,217 @@
+"""The report: a static site of what the studies found, made of plain HTML and relative links.
+
+Every study has a folder with its page, figures (SVG and PNG), tables (CSV) and manifest. Pages load
+nothing from elsewhere, so a site can be mailed, archived or opened from the disk.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from albedo.files import save_text
+from albedo.studies import Progress, Result, StudyFile, run_study
+
+if TYPE_CHECKING:
+    import jinja2
+    import pandas as pd
+
+__all__ = ["build_report", "render_index", "render_study", "with_error"]
+
+# A page shows so many rows of a table, evenly spread; the CSV beside it has all.
+_SHOWN_ROWS = 24
+
+
+def build_report(
+    files: Sequence[StudyFile],
+    out: Path,
+    *,
+    full: bool = False,
+    progress: Progress | None = None,
+    finished: Callable[[Result], None] | None = None,
+) -> list[Result]:
+    """Run studies one after the other and write the site.
+
+    A study that fails gets a page that says why, and does not stop the others. The pages of the
+    studies that are finished stay in place when the run is interrupted.
+
+    Parameters
+    ----------
+    files : sequence of StudyFile
+        The studies.
+    out : Path
+        Folder of the site; created when missing.
+    full : bool
+        Full fidelity instead of quick.
+    progress : callable, optional
+        Called with steps done, steps in all and a text, for the running study.
+    finished : callable, optional
+        Called with the result of each study as soon as it is there.
+
+    Returns
+    -------
+    list of Result
+        One for every study, failures included.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    save_text(_source("style.css"), out / "style.css")
+    results = []
+    for file in files:
+        result = run_study(
+            file, out, full=full, progress=progress, finish=_write_page, keep_failure=True
+        )
+        results.append(result)
+        if finished is not None:
+            finished(result)
+    save_text(render_index([result.manifest for result in results]), out / "index.html")
+    return results
+
+
+def render_index(manifests: Sequence[dict[str, Any]]) -> str:
+    """Write the first page of the site.
+
+    Parameters
+    ----------
+    manifests : sequence of dict
+        Manifests of the studies.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
+    return _environment().get_template("index.html.j2").render(manifests=manifests)
+
+
+def render_study(folder: Path, manifest: dict[str, Any]) -> str:
+    """Write the page of one study.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder with its tables.
+    manifest : dict
+        Its manifest.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
+    import pandas as pd
+
+    tables = [
+        {**table, **_excerpt(pd.read_csv(folder / table["file"], float_precision="round_trip"))}
+        for table in manifest["tables"]
+    ]
+    template = _environment().get_template("study.html.j2")
+    return template.render(manifest=manifest, tables=tables)
+
+
+def with_error(value: float, error: float) -> str:
+    """Write a number with its error in the last digit, such as ``0.488993(2)``.
+
+    The bracket covers the error and what rounding the number adds to it, rounded up.
+
+    Parameters
+    ----------
+    value, error : float
+        The number, and its error.
+
+    Returns
+    -------
+    str
+        At most 12 digits; ``∞`` where there is no finite number.
+    """
+    import math
+    from decimal import ROUND_CEILING, Decimal
+
+    if math.isnan(value):
+        return "not a number"
+    if math.isinf(value):
+        return "∞" if value > 0 else "-∞"
+    if not math.isfinite(error):
+        return f"{value:.6g} ± ∞"
+    number, bound = Decimal(value), Decimal(error)
+    size = number.adjusted() if number else 0
+    # Beyond 12 digits a printed number is not more useful; the CSV has every digit.
+    last = max(bound.adjusted(), size - 11) if bound else size - 11
+    while True:
+        unit = Decimal(1).scaleb(last)
+        rounded = number.quantize(unit)
+        spread = bound + abs(number - rounded)
+        digits = int((spread / unit).to_integral_value(ROUND_CEILING))
+        if digits < 10:
+            break
+        last += 1
+    if not bound and number == rounded:
+        return f"{value:.12g}"
+    if -5 < size < 7 and last <= 0:
+        return f"{rounded:f}({digits})"
+    scale = max(size, last)
+    return f"{rounded.scaleb(-scale):f}({digits})e{scale:+03d}"
+
+
+def _write_page(folder: Path, manifest: dict[str, Any]) -> None:
+    save_text(render_study(folder, manifest), folder / "index.html")
+
+
+def _excerpt(frame: pd.DataFrame) -> dict[str, Any]:
+    """Rows and columns as a page shows them: a value and its error become one column."""
+    import numpy as np
+
+    count = len(frame)
+    picked = np.unique(np.linspace(0, count - 1, min(count, _SHOWN_ROWS)).round().astype(int))
+    shown = frame.iloc[picked]
+    columns = []
+    for name in frame.columns:
+        stem = next(
+            (name.removesuffix(s) for s in ("_error", "_evaluations") if name.endswith(s)), None
+        )
+        if stem is not None and stem in frame.columns:
+            continue
+        if f"{name}_error" in frame.columns:
+            pairs = zip(shown[name], shown[f"{name}_error"], strict=True)
+            cells = [with_error(float(value), float(error)) for value, error in pairs]
+        else:
+            cells = [f"{v:.6g}" if isinstance(v, float) else str(v) for v in shown[name]]
+        numeric = frame[name].dtype.kind in "iuf"
+        columns.append({"name": name, "cells": cells, "numeric": numeric})
+    rows = list(zip(*(column["cells"] for column in columns), strict=True))
+    return {"columns": columns, "rows": rows, "count": count, "shown": len(picked)}
+
+
+def _seconds(value: float) -> str:
+    if value < 1:
+        return f"{value * 1000:.0f} ms"
+    return f"{value:.1f} s" if value < 100 else f"{value / 60:.1f} min"
+
+
+def _tone(verdict: str) -> str:
+    """CSS class of a verdict."""
+    for start, tone in (("holds", "good"), ("fails", "bad")):
+        if verdict.startswith(start):
+            return tone
+    return "open"
+
+
+def _environment() -> jinja2.Environment:
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("albedo", "templates"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["with_error"] = lambda claim: with_error(claim["value"], claim["error"])
+    environment.filters["seconds"] = _seconds
+    environment.filters["tone"] = _tone
+    return environment
+
+
+def _source(name: str) -> str:
+    """Text of a file of the templates."""
+    return (Path(__file__).parent / "templates" / name).read_text(encoding="utf-8")

@@ -1,0 +1,587 @@
+"""Studies: one file, one question, and everything that its answer rests on kept beside it.
+
+A study is a Python file in a folder (by custom ``studies/``) whose name does not start with an
+underscore. Its docstring is the question, ``STUDY`` says what it reproduces, and ``run(context)``
+computes and hands tables, figures and measured claims to the context:
+
+    \"\"\"Does the albedo of Ward's model stay below one?\"\"\"
+
+    from albedo.studies import Study
+
+    STUDY = Study(name="ward_energy", title="Ward's albedo at grazing angles", claims=("N3",))
+
+    def run(context):
+        ...
+        context.claim("N3", "Ward's albedo diverges", value=top, error=bound, criterion="> 1")
+
+The results of a study are one folder that appears only when the study is finished, with a
+``manifest.json`` of what went in and what came out. Equal inputs give equal manifests, but for
+the seconds that it took.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import platform
+import re
+import sys
+import time
+import traceback
+import types
+import warnings
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from albedo.errors import InputError
+from albedo.files import atomic_folder, save_csv, save_json
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+__all__ = [
+    "Context",
+    "Criterion",
+    "Result",
+    "Study",
+    "StudyFile",
+    "compare",
+    "discover",
+    "run_study",
+]
+
+VERDICTS = ("holds", "holds within", "fails", "depends on the reading", "undecided")
+
+Progress = Callable[[int, int, str], None]
+
+_NAME = re.compile(r"[a-z][a-z0-9_]*\Z")
+_NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+_COMPARISON = re.compile(rf"(<=|>=|<|>)\s*({_NUMBER})\Z")
+_EQUALITY = re.compile(rf"=\s*({_NUMBER})\s*\+-\s*({_NUMBER})\Z")
+
+
+@dataclass(frozen=True)
+class Study:
+    """What a study file declares about itself.
+
+    Attributes
+    ----------
+    name : str
+        The name of its file, without the ending.
+    title : str
+        One line for a heading.
+    paper : str
+        The paper it is about, as a reader would cite it.
+    figure : str
+        The figure of that paper that it reproduces, if any.
+    claims : tuple of str
+        Identifiers of the claims that it measures; each has to be measured when it runs.
+    """
+
+    name: str
+    title: str
+    paper: str = ""
+    figure: str = ""
+    claims: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """How a measured value and its error become a verdict.
+
+    Attributes
+    ----------
+    text : str
+        The criterion in words or signs, printed beside the verdict.
+    judge : callable
+        ``judge(value, error)`` gives the verdict: one of `VERDICTS`, alone or followed by the
+        numbers that it rests on.
+    """
+
+    text: str
+    judge: Callable[[float, float], str]
+
+
+def compare(text: str) -> Criterion:
+    """Make a criterion from a comparison; the error of the value counts against certainty.
+
+    Parameters
+    ----------
+    text : str
+        ``"< 1"``, ``"<= 1"``, ``"> 1"``, ``">= 1"``, or ``"= 0.68 +- 0.01"``.
+
+    Returns
+    -------
+    Criterion
+        Its verdict is ``holds`` or ``fails`` where the whole interval value +- error agrees, and
+        ``undecided`` where the interval reaches across the limit.
+    """
+    if matched := _COMPARISON.match(text.strip()):
+        sign, limit = matched[1], float(matched[2])
+
+        def judge(value: float, error: float) -> str:
+            low, high = value - error, value + error
+            if sign in ("<", "<="):
+                sure = high < limit if sign == "<" else high <= limit
+                never = low >= limit if sign == "<" else low > limit
+            else:
+                sure = low > limit if sign == ">" else low >= limit
+                never = high <= limit if sign == ">" else high < limit
+            return _verdict(sure, never)
+
+        return Criterion(f"{sign} {matched[2]}", judge)
+    if matched := _EQUALITY.match(text.strip()):
+        target, width = float(matched[1]), float(matched[2])
+
+        def judge_near(value: float, error: float) -> str:
+            distance = abs(value - target)
+            return _verdict(distance + error <= width, distance - error > width)
+
+        return Criterion(f"= {matched[1]} ± {matched[2]}", judge_near)
+    raise InputError(
+        f"{text!r} is not a criterion; write a comparison such as '< 1', '>= 0.5' or "
+        "'= 0.68 +- 0.01'."
+    )
+
+
+def _verdict(sure: bool, never: bool) -> str:
+    if sure:
+        return "holds"
+    return "fails" if never else "undecided: the error bound reaches across the limit"
+
+
+@dataclass
+class Context:
+    """What a running study hands its results to.
+
+    Attributes
+    ----------
+    full : bool
+        Whether the study shall run at full fidelity, which may take long; otherwise it shall
+        give the same kind of answer within seconds.
+    """
+
+    study: Study
+    folder: Path
+    full: bool
+    _progress: Progress | None = None
+    _notes: list[str] = field(default_factory=list)
+    _tables: list[dict[str, Any]] = field(default_factory=list)
+    _figures: list[dict[str, Any]] = field(default_factory=list)
+    _claims: list[dict[str, Any]] = field(default_factory=list)
+
+    def table(self, name: str, frame: pd.DataFrame, caption: str = "") -> None:
+        """Keep a table as CSV, every float in the shortest form that reads back exactly.
+
+        Where a column ``x`` has a companion ``x_error``, the report prints the two as one number
+        with its uncertainty, and it leaves out ``x_evaluations``; the CSV has them all.
+
+        Parameters
+        ----------
+        name : str
+            File name without an ending.
+        frame : pandas.DataFrame
+            The rows.
+        caption : str
+            What the table shows.
+        """
+        self._claim_name(name)
+        save_csv(frame, self.folder / f"{name}.csv")
+        self._tables.append({"name": name, "file": f"{name}.csv", "caption": caption})
+
+    def figure(self, name: str, figure: Figure, caption: str = "") -> None:
+        """Keep a figure as SVG and PNG.
+
+        Parameters
+        ----------
+        name : str
+            File name without an ending.
+        figure : Figure
+            The figure.
+        caption : str
+            What the figure shows.
+        """
+        from albedo.plotting import save_figure
+
+        self._claim_name(name)
+        for suffix in (".png", ".svg"):
+            save_figure(figure, self.folder / f"{name}{suffix}")
+        self._figures.append(
+            {"name": name, "svg": f"{name}.svg", "png": f"{name}.png", "caption": caption}
+        )
+
+    def claim(
+        self,
+        id: str,
+        statement: str,
+        value: float,
+        error: float,
+        criterion: str | Criterion,
+        quantity: str = "",
+        kind: str = "bound",
+    ) -> str:
+        """Record a measured claim; the verdict comes from the number and the criterion alone.
+
+        Parameters
+        ----------
+        id : str
+            Identifier of the claim, one of those that the study declares.
+        statement : str
+            What is claimed, in one sentence.
+        value, error : float
+            What was measured, and its error.
+        criterion : str or Criterion
+            A comparison as `compare` reads it, or a criterion of one's own.
+        quantity : str
+            What the number is, where the statement does not say it.
+        kind : str
+            ``"bound"`` or ``"standard_error"``.
+
+        Returns
+        -------
+        str
+            The verdict.
+        """
+        if id not in self.study.claims:
+            declared = ", ".join(self.study.claims) or "none"
+            raise InputError(
+                f"Study '{self.study.name}' measures the claim '{id}' without declaring it; it "
+                f"declares {declared}."
+            )
+        value, error = float(value), float(error)
+        if math.isnan(value) or not error >= 0.0:
+            raise InputError(
+                f"The claim '{id}' was measured as {value} with the error {error}; it needs a "
+                "number and an error that is not negative."
+            )
+        rule = compare(criterion) if isinstance(criterion, str) else criterion
+        verdict = rule.judge(value, error)
+        if not any(verdict.startswith(known) for known in VERDICTS):
+            raise InputError(
+                f"The criterion '{rule.text}' gives the verdict {verdict!r}; a verdict starts "
+                f"with one of {', '.join(VERDICTS)}."
+            )
+        self._claims.append(
+            {
+                "id": id,
+                "statement": statement,
+                "quantity": quantity,
+                "value": value,
+                "error": error,
+                "kind": kind,
+                "criterion": rule.text,
+                "verdict": verdict,
+            }
+        )
+        return verdict
+
+    def note(self, text: str) -> None:
+        """Add a paragraph to the page of the study.
+
+        Parameters
+        ----------
+        text : str
+            Plain text. Numbers in it should come from what was computed.
+        """
+        self._notes.append(text)
+
+    def progress(self, done: int, total: int, text: str = "") -> None:
+        """Say how far the study is.
+
+        Parameters
+        ----------
+        done, total : int
+            Steps done, and steps in all.
+        text : str
+            What is being done.
+        """
+        if self._progress is not None:
+            self._progress(done, total, text)
+
+    def _claim_name(self, name: str) -> None:
+        taken = [item["name"] for item in (*self._tables, *self._figures)]
+        if not _NAME.match(name) or name in ("index", "manifest"):
+            raise InputError(
+                f"'{name}' cannot name a table or figure; use small letters, digits and "
+                "underscores, and neither 'index' nor 'manifest'."
+            )
+        if name in taken:
+            raise InputError(f"Study '{self.study.name}' gives two tables or figures as '{name}'.")
+
+
+@dataclass(frozen=True)
+class StudyFile:
+    """A study on disk: found by its name, read when it is needed."""
+
+    path: Path
+
+    @property
+    def name(self) -> str:
+        """Name of the study, which is that of its file."""
+        return self.path.stem
+
+    def load(self) -> LoadedStudy:
+        """Read and execute the file.
+
+        Returns
+        -------
+        LoadedStudy
+            What it declares.
+
+        Raises
+        ------
+        InputError
+            If it does not declare what a study has to.
+        """
+        source = self.path.read_bytes()
+        module = types.ModuleType(f"albedo_study_{self.name}")
+        module.__file__ = str(self.path)
+        # Dataclasses look their module up by name.
+        sys.modules[module.__name__] = module
+        # The bytes that are hashed are the bytes that run: no cached bytecode in between.
+        code = compile(source, str(self.path), "exec", dont_inherit=True)
+        exec(code, module.__dict__)
+        study, run = getattr(module, "STUDY", None), getattr(module, "run", None)
+        question, *background = [
+            " ".join(paragraph.split()) for paragraph in (module.__doc__ or "").split("\n\n")
+        ]
+        if not isinstance(study, Study) or not callable(run) or not question:
+            raise InputError(
+                f"'{self.path.name}' is not a study; it needs a docstring with its question, "
+                "STUDY = Study(...) and run(context)."
+            )
+        if study.name != self.name:
+            raise InputError(
+                f"The study in '{self.path.name}' calls itself '{study.name}'; its name must be "
+                f"'{self.name}', the name of its file."
+            )
+        return LoadedStudy(
+            study=study,
+            question=question,
+            background=tuple(background),
+            run=run,
+            source_sha256=hashlib.sha256(source).hexdigest(),
+        )
+
+
+@dataclass(frozen=True)
+class LoadedStudy:
+    """A study file that was read: its declaration, its question and its code."""
+
+    study: Study
+    question: str
+    background: tuple[str, ...]
+    run: Callable[[Context], None]
+    source_sha256: str
+
+
+@dataclass(frozen=True)
+class Result:
+    """How a study went, as its manifest has it.
+
+    Attributes
+    ----------
+    name : str
+        Name of the study.
+    folder : Path or None
+        Where its results are; None when it failed and nothing was kept.
+    manifest : dict
+        Inputs, outputs, claims and notes; ``manifest["error"]`` says why it failed, if it did.
+    """
+
+    name: str
+    folder: Path | None
+    manifest: dict[str, Any]
+
+    @property
+    def failed(self) -> bool:
+        """Whether the study stopped with an error. A claim that fails is not one."""
+        return self.manifest["error"] is not None
+
+
+def discover(folder: Path | None = None) -> list[StudyFile]:
+    """Find the studies in a folder: every Python file whose name has no leading underscore.
+
+    Parameters
+    ----------
+    folder : Path, optional
+        Where to look; ``./studies`` by default.
+
+    Returns
+    -------
+    list of StudyFile
+        The studies, sorted by name.
+
+    Raises
+    ------
+    InputError
+        If the folder is missing or holds no study.
+    """
+    place = Path("studies") if folder is None else folder
+    shown = "./studies" if folder is None else str(folder)
+    if not place.is_dir():
+        raise InputError(
+            f"There is no folder '{shown}' of studies; run this in a folder that has ./studies, "
+            "or name one with --studies-dir."
+        )
+    found = sorted(path for path in place.glob("*.py") if not path.name.startswith("_"))
+    if not found:
+        raise InputError(
+            f"The folder '{shown}' holds no study: no Python file whose name has no leading "
+            "underscore; run this in a folder that has ./studies, or name one with --studies-dir."
+        )
+    return [StudyFile(path) for path in found]
+
+
+class _Caught:
+    """Keep what went wrong inside the block; an interruption goes through."""
+
+    error: Exception | SystemExit | None = None
+
+    def __enter__(self) -> _Caught:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: object
+    ) -> bool:
+        # A study is foreign code and may raise anything; its error is shown, not lost.
+        if isinstance(error, Exception | SystemExit):
+            self.error = error
+            return True
+        return False
+
+
+def run_study(
+    file: StudyFile,
+    out: Path,
+    *,
+    full: bool = False,
+    progress: Progress | None = None,
+    finish: Callable[[Path, dict[str, Any]], None] | None = None,
+    keep_failure: bool = False,
+) -> Result:
+    """Run one study and keep its results, complete or not at all.
+
+    Parameters
+    ----------
+    file : StudyFile
+        The study.
+    out : Path
+        Folder in which the folder of this study's results is put.
+    full : bool
+        Full fidelity instead of quick.
+    progress : callable, optional
+        Called with steps done, steps in all and a text.
+    finish : callable, optional
+        Called with the folder and the manifest before the results get their final name, to add
+        what is made from them.
+    keep_failure : bool
+        Put the record of a failure in the place of former results; otherwise these stay.
+
+    Returns
+    -------
+    Result
+        The manifest and where it is.
+    """
+    began = time.perf_counter()
+    result: Result | None = None
+    with suppress(_Dropped), atomic_folder(out / file.name) as folder:
+        study = Study(name=file.name, title=file.name)
+        question, source_sha256 = "", ""
+        background: tuple[str, ...] = ()
+        context = Context(study=study, folder=folder, full=full, _progress=progress)
+        with _Caught() as caught, warnings.catch_warnings(record=True) as warned:
+            warnings.simplefilter("always")
+            loaded = file.load()
+            question, background = loaded.question, loaded.background
+            source_sha256 = loaded.source_sha256
+            context.study = loaded.study
+            loaded.run(context)
+            missing = [id for id in loaded.study.claims if id not in _measured(context)]
+            if missing:
+                raise InputError(
+                    f"Study '{file.name}' declares the claim {', '.join(missing)} and does not "
+                    "measure it."
+                )
+        manifest = {
+            "study": {
+                "name": file.name,
+                "title": context.study.title,
+                "question": question,
+                "background": list(background),
+                "paper": context.study.paper,
+                "figure": context.study.figure,
+                "claims": list(context.study.claims),
+            },
+            "fidelity": "full" if full else "quick",
+            "inputs": {"source": file.path.name, "source_sha256": source_sha256, **_versions()},
+            "error": None if caught.error is None else _describe(caught.error, file.path),
+            "notes": context._notes,
+            "claims": context._claims,
+            "figures": context._figures,
+            "tables": context._tables,
+            "warnings": sorted({f"{w.category.__name__}: {w.message}" for w in warned}),
+            "outputs": {
+                path.name: hashlib.sha256(path.read_bytes()).hexdigest()
+                for path in sorted(folder.iterdir())
+            },
+            "seconds": round(time.perf_counter() - began, 3),
+        }
+        kept = caught.error is None or keep_failure
+        result = Result(file.name, out / file.name if kept else None, manifest)
+        if not kept:
+            raise _Dropped
+        save_json(manifest, folder / "manifest.json")
+        if finish is not None:
+            finish(folder, manifest)
+    assert result is not None
+    return result
+
+
+class _Dropped(Exception):
+    """Leave a folder of results without putting it in its place."""
+
+
+def _measured(context: Context) -> set[str]:
+    return {claim["id"] for claim in context._claims}
+
+
+def _describe(error: Exception | SystemExit, path: Path) -> dict[str, str]:
+    """Say what went wrong and where in the study, without the paths of this machine."""
+    frames = [
+        f"{Path(frame.filename).name}, line {frame.lineno}, in {frame.name}: {frame.line}"
+        for frame in traceback.extract_tb(error.__traceback__)
+        if Path(frame.filename).name != "studies.py"
+    ]
+    return {
+        "kind": type(error).__name__,
+        "message": str(error) or type(error).__name__,
+        "where": "\n".join(frames) or path.name,
+    }
+
+
+def _versions() -> dict[str, str]:
+    import numba
+    import numpy
+    import scipy
+
+    import albedo
+
+    package = Path(albedo.__file__).parent
+    sha = hashlib.sha256()
+    for source in sorted(package.rglob("*.py")):
+        sha.update(source.relative_to(package).as_posix().encode())
+        sha.update(source.read_bytes())
+    return {
+        "albedo": albedo.__version__,
+        "albedo_sha256": sha.hexdigest(),
+        "python": platform.python_version(),
+        "numpy": numpy.__version__,
+        "scipy": scipy.__version__,
+        "numba": numba.__version__,
+        "machine": platform.machine(),
+    }
