@@ -155,7 +155,7 @@ def color(name: str) -> str:
 
 
 def new_figure(
-    columns: int = 1, width: float = 6.5, height: float = 4.2
+    columns: int = 1, width: float = 6.5, height: float = 3.8
 ) -> tuple[Figure, list[Axes]]:
     """Make an empty figure, to be used inside `style`.
 
@@ -393,12 +393,15 @@ def add_legend(figure: Figure, axes: Axes, extra: Sequence[Any] = ()) -> None:
     """
     handles = [*axes.get_legend_handles_labels()[0], *extra]
     longest = max((len(str(handle.get_label())) for handle in handles), default=0)
-    # A character of the legend is about 0.085 inches wide; its line and its gaps take 0.6.
-    columns = int(figure.get_figwidth() / (0.085 * longest + 0.6))
+    # A character of the legend is about 0.072 inches wide; its line and its gaps take 0.65.
+    fitting = int(figure.get_figwidth() / (0.072 * longest + 0.65))
+    columns = max(1, min(fitting, len(handles)))
+    # The room for the legend is added below: the panels keep their size.
+    figure.set_figheight(figure.get_figheight() + 0.21 * -(-len(handles) // columns))
     figure.legend(
         handles=handles,
         loc="outside lower center",
-        ncols=max(1, min(columns, len(handles))),
+        ncols=columns,
         handlelength=3.2,
         columnspacing=1.4,
     )

@@ -6,6 +6,7 @@ nothing from elsewhere, so a site can be mailed, archived or opened from the dis
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -102,8 +103,7 @@ def render_study(folder: Path, manifest: dict[str, Any]) -> str:
     import pandas as pd
 
     tables = [
-        {**table, **_excerpt(pd.read_csv(folder / table["file"], float_precision="round_trip"))}
-        for table in manifest["tables"]
+        {**table, **_excerpt(pd.read_csv(folder / table["file"]))} for table in manifest["tables"]
     ]
     template = _environment().get_template("study.html.j2")
     return template.render(manifest=manifest, tables=tables)
@@ -133,7 +133,7 @@ def with_error(value: float, error: float) -> str:
         return "∞" if value > 0 else "-∞"
     if not math.isfinite(error):
         return f"{value:.6g} ± ∞"
-    number, bound = Decimal(value), Decimal(error)
+    number, bound = Decimal(repr(float(value))), Decimal(repr(float(error)))
     size = number.adjusted() if number else 0
     # Beyond 12 digits a printed number is not more useful; the CSV has every digit.
     last = max(bound.adjusted(), size - 11) if bound else size - 11
@@ -196,6 +196,11 @@ def _tone(verdict: str) -> str:
     return "open"
 
 
+def _verdicts(claims: list[dict[str, Any]]) -> list[tuple[str, int]]:
+    """Claims with their verdicts, without the numbers, and how often each is there."""
+    return list(Counter(f"{c['id']} {c['verdict'].split(':')[0]}" for c in claims).items())
+
+
 def _environment() -> jinja2.Environment:
     import jinja2
 
@@ -209,6 +214,7 @@ def _environment() -> jinja2.Environment:
     environment.filters["with_error"] = lambda claim: with_error(claim["value"], claim["error"])
     environment.filters["seconds"] = _seconds
     environment.filters["tone"] = _tone
+    environment.filters["verdicts"] = _verdicts
     return environment
 
 

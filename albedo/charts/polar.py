@@ -43,7 +43,7 @@ DECAYS = {"algebraic": 0, "gaussian": 1, "cosine_power": 2}
 # Angular layers thinner than this weigh less than the rounding error.
 _THINNEST_LAYER = 1e-17
 # Below this cosine of incidence the layer n.v ~ n.l along the horizon gets a panel of its own.
-_LAYERED_EDGE = 0.03
+_LAYERED_EDGE = 0.05
 
 
 @dataclass(frozen=True)
@@ -59,6 +59,9 @@ class PolarChart:
         Curves at which the integrand has a kink.
     decay : {"algebraic", "gaussian", "cosine_power"}
         How the lobe falls: the last two are cut where they are below 1e-20 of their peak.
+    origin : int
+        Power that clusters nodes at the mirror direction at grazing incidence, where n.v is
+        proportional to the distance from it (2 makes a square root there smooth).
     edge : int
         Power that clusters nodes at the outer edge (2 makes a square root there smooth).
     full : bool
@@ -70,6 +73,7 @@ class PolarChart:
     kinks: str = "none"
     decay: str = "algebraic"
     edge: int = 1
+    origin: int = 1
     full: bool = False
 
     def panels(
@@ -161,7 +165,11 @@ class PolarChart:
         wi, wo, h = np.empty((3, m)), np.empty((3, m, count)), np.empty((3, m, count))
         weight = np.empty((m, count))
         kind, kinks, decay, full = self._structure
-        _nodes(geometry, code, box, u, v, kind, kinks, decay, full, self.edge, wi, wo, h, weight)
+        powers = self.edge, self.origin
+        _nodes(
+            *(geometry, code, box, u, v, kind, kinks, decay, full),
+            *(*powers, wi, wo, h, weight),
+        )
         return wi, wo, h, weight
 
 
@@ -375,7 +383,7 @@ def _panels(geometry, quadrants, coarse, kind, kinks, decay, full):
 
 
 @kernel
-def _nodes(geometry, code, box, u, v, kind, kinks, decay, full, edge, wi, wo, h, weight):
+def _nodes(geometry, code, box, u, v, kind, kinks, decay, full, edge, origin, wi, wo, h, weight):
     """Directions, half vectors and Jacobians; one row per panel."""
     b = np.empty(8)
     for k in range(box.shape[0]):
@@ -387,6 +395,11 @@ def _nodes(geometry, code, box, u, v, kind, kinks, decay, full, edge, wi, wo, h,
         quadrant, j, inner = code[k, 0], code[k, 1], abs(code[k, 2])
         graded = code[k, 2] < 0
         u0, u1, v0, v1 = box[k]
+        front = quadrant % 2 == 0
+        from_origin = origin > 1 and j == 0 and c < 0.1 and front
+        # At grazing incidence the kink n.v = n.l lies close to the horizon.
+        last = inner - 1 if not graded else (0 if kinks == 1 and inner == 3 else -1)
+        to_edge = edge > 1 and j == last
         for iu in range(u.size):
             cos_psi, sin_psi, width, turn = _azimuth(g, quadrant, u0 + (u1 - u0) * u[iu])
             big_t = s / c * cos_psi
@@ -408,7 +421,10 @@ def _nodes(geometry, code, box, u, v, kind, kinks, decay, full, edge, wi, wo, h,
             for iv in range(v.size):
                 x = v0 + (v1 - v0) * v[iv]
                 stretch = 1.0
-                if edge > 1 and j == inner - 1 and not graded:
+                if from_origin:
+                    stretch = origin * x ** (origin - 1)
+                    x = x**origin
+                elif to_edge:
                     stretch = edge * (1.0 - x) ** (edge - 1)
                     x = 1.0 - (1.0 - x) ** edge
                 e = math.exp(s0 + (s1 - s0) * x)
