@@ -122,6 +122,11 @@ PhiOption = Annotated[
     str,
     typer.Option("--phi", metavar="DEGREES", help="Azimuths of the incident direction, degrees."),
 ]
+RtolOption = Annotated[float, typer.Option(help="Relative tolerance.")]
+FixedOption = Annotated[str, typer.Option(metavar="light|view", help="The direction that is held.")]
+ComplementOption = Annotated[
+    bool, typer.Option("--complement", help="One minus the albedo, without cancellation.")
+]
 FullOption = Annotated[
     bool, typer.Option("--full", help="Full fidelity, which may take long, instead of quick.")
 ]
@@ -221,13 +226,9 @@ def evaluate(
     cos: CosOption = None,
     theta: ThetaOption = None,
     phi: PhiOption = "0",
-    rtol: Annotated[float, typer.Option(help="Relative tolerance.")] = 1e-8,
-    fixed: Annotated[
-        str, typer.Option(metavar="light|view", help="The direction that is held.")
-    ] = "light",
-    complement: Annotated[
-        bool, typer.Option("--complement", help="One minus the albedo, without cancellation.")
-    ] = False,
+    rtol: RtolOption = 1e-8,
+    fixed: FixedOption = "light",
+    complement: ComplementOption = False,
     average: Annotated[
         bool, typer.Option("--average", help="The cosine-weighted mean over all directions.")
     ] = False,
@@ -259,7 +260,6 @@ def evaluate(
                 ("--cos", cos),
                 ("--theta", theta),
                 ("--phi", phi if phi != "0" else None),
-                ("--fixed", fixed if fixed != "light" else None),
                 ("--complement", complement or None),
             )
             if value is not None
@@ -273,7 +273,7 @@ def evaluate(
     with _warnings_as_lines(), _progress("evaluating", spec.count) as advance:
         for done, (label, built) in enumerate(_labelled(spec), 1):
             if average:
-                estimate = albedo.average_albedo(built, rtol=rtol)
+                estimate = albedo.average_albedo(built, rtol=rtol, fixed=fixed)
                 rows += _rows(label, "average albedo", estimate, None, None, None)
             else:
                 quantity = "1 - albedo" if complement else "albedo"
@@ -379,13 +379,15 @@ def table(
     cos: CosOption = None,
     theta: ThetaOption = None,
     phi: PhiOption = "0",
-    rtol: Annotated[float, typer.Option(help="Relative tolerance.")] = 1e-8,
+    rtol: RtolOption = 1e-8,
+    fixed: FixedOption = "light",
+    complement: ComplementOption = False,
     threads: Annotated[int, typer.Option(help="Threads to compute with.")] = 1,
 ) -> None:
     """Write a table of albedos over angles and swept parameters.
 
     Without --cos and --theta: 0.01..1/32 in the cosine. netCDF keeps units, citations, tolerance
-    and version beside the numbers; CSV has one row per value.
+    and version beside the numbers; CSV has one row per value. Files have azimuths in radians.
 
     \b
     Examples:
@@ -414,13 +416,16 @@ def table(
             base,
             cos_theta=cosines,
             phi=azimuths,
-            sweep=dict(spec.sweep),
+            sweep={key: list(values) for key, values in spec.sweep.items()},
             rtol=rtol,
+            fixed=fixed,
+            complement=complement,
             threads=threads,
             progress=advance,
         )
     save_table(dataset, output)
-    typer.echo(f"{output}: {dataset['value'].size} albedos of {spec}")
+    what = "complements" if complement else "albedos"
+    typer.echo(f"{output}: {dataset['value'].size} {what} of {spec}")
 
 
 @app.command()
@@ -446,7 +451,7 @@ def plot(
     phi: Annotated[
         float, typer.Option("--phi", help="Azimuth of the incident direction, degrees.")
     ] = 0.0,
-    rtol: Annotated[float, typer.Option(help="Relative tolerance.")] = 1e-6,
+    rtol: RtolOption = 1e-6,
 ) -> None:
     """Draw albedo curves of models and sweeps against the angle of incidence.
 
@@ -479,7 +484,7 @@ def plot(
 
 @study_app.command("list")
 def list_studies(studies_dir: StudiesDirOption = None) -> None:
-    """List the studies of a folder.
+    """List the studies of a folder; the status is 1 if one of them cannot be read.
 
     \b
     Examples:
@@ -489,11 +494,19 @@ def list_studies(studies_dir: StudiesDirOption = None) -> None:
     from albedo.studies import discover
 
     table = _new_table("study", "title", "reproduces", "claims")
+    broken = False
     for file in discover(studies_dir):
-        study = file.load().study
+        loaded, error = file.try_load()
+        if loaded is None:
+            broken = True
+            table.add_row(file.name, f"cannot be read: {error}", "", "")
+            continue
+        study = loaded.study
         source = ", ".join(text for text in (study.figure, study.paper) if text)
         table.add_row(study.name, study.title, source, ", ".join(study.claims))
     _print(table)
+    if broken:
+        raise typer.Exit(1)
 
 
 @study_app.command("run")

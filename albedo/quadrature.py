@@ -19,6 +19,9 @@ from albedo.integrators.adaptive import Result, integrate
 DEFAULT_LIMIT = 400_000
 """Evaluations per value before the quadrature gives up and says so."""
 
+# A scan of the hemisphere needs as many before it can promise a resolved width of 1e-4 rad.
+_SCAN_LIMIT = 4_000_000_000
+
 # A direction this close to the horizon, in widths of the lobe, stands for cos_theta = 0; the
 # change from one a thousand times farther is added to the bound.
 _GRAZING = 1e-18
@@ -173,7 +176,9 @@ def albedo_rows(
     check_tolerances(rtol, atol)
     if fixed not in ("light", "view"):
         raise InputError(f"fixed = {fixed!r} is unknown; choose light or view")
-    limit = DEFAULT_LIMIT if max_evaluations is None else max_evaluations
+    scanned = any(m.resolved_width is not None for m in models)
+    default = _SCAN_LIMIT if scanned else DEFAULT_LIMIT
+    limit = default if max_evaluations is None else max_evaluations
     if not isinstance(limit, int) or limit < 16:
         raise InputError(f"max_evaluations = {limit!r} is out of range; it must be at least 16")
     options: dict[str, Any] = {"rtol": rtol, "atol": atol, "limit": limit}

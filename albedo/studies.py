@@ -324,6 +324,20 @@ class StudyFile:
         """Name of the study, which is that of its file."""
         return self.path.stem
 
+    def try_load(self) -> tuple[LoadedStudy | None, str]:
+        """Read the file, whatever is wrong with it.
+
+        Returns
+        -------
+        loaded : LoadedStudy or None
+            What it declares, if it can be read.
+        error : str
+            What is wrong with it otherwise.
+        """
+        with _Caught() as caught:
+            return self.load(), ""
+        return None, f"{type(caught.error).__name__}: {caught.error}"
+
     def load(self) -> LoadedStudy:
         """Read and execute the file.
 
@@ -486,10 +500,21 @@ def run_study(
     -------
     Result
         The manifest and where it is.
+
+    Raises
+    ------
+    InputError
+        If the place of the results is taken by something else.
     """
+    target = out / file.name
+    if target.exists() and not (target / "manifest.json").is_file():
+        raise InputError(
+            f"'{target}' is there and holds no results of a study; name another folder with -o, "
+            "or move it away, as it would be replaced."
+        )
     began = time.perf_counter()
     result: Result | None = None
-    with suppress(_Dropped), atomic_folder(out / file.name) as folder:
+    with suppress(_Dropped), atomic_folder(target) as folder:
         study = Study(name=file.name, title=file.name)
         question, source_sha256 = "", ""
         background: tuple[str, ...] = ()
@@ -532,7 +557,7 @@ def run_study(
             "seconds": round(time.perf_counter() - began, 3),
         }
         kept = caught.error is None or keep_failure
-        result = Result(file.name, out / file.name if kept else None, manifest)
+        result = Result(file.name, target if kept else None, manifest)
         if not kept:
             raise _Dropped
         save_json(manifest, folder / "manifest.json")

@@ -36,7 +36,7 @@ import numpy as np
 
 from albedo._compile import kernel
 
-KINDS = {"slope": 0, "mirror": 1, "retro": 2, "mirror_hemisphere": 3}
+KINDS = {"slope": 0, "mirror": 1, "retro": 2, "mirror_hemisphere": 3, "retro_hemisphere": 4}
 KINKS = {"none": 0, "max": 1, "v_cavity": 2}
 DECAYS = {"algebraic": 0, "gaussian": 1, "cosine_power": 2}
 
@@ -52,9 +52,9 @@ class PolarChart:
 
     Parameters
     ----------
-    kind : {"slope", "mirror", "retro", "mirror_hemisphere"}
-        Coordinates: slopes of H; angles about R, up to 90 degrees from R; the same about L; or
-        angles about R over the whole hemisphere.
+    kind : {"slope", "mirror", "retro", "mirror_hemisphere", "retro_hemisphere"}
+        Coordinates: slopes of H; angles about R or L, up to 90 degrees from it; or the same over
+        the whole hemisphere.
     kinks : {"none", "max", "v_cavity"}
         Curves at which the integrand has a kink.
     decay : {"algebraic", "gaussian", "cosine_power"}
@@ -453,7 +453,7 @@ def _nodes(geometry, code, box, u, v, kind, kinks, decay, full, edge, origin, wi
                     n_dot_v = max(n_dot_v, 0.0)
                     jac *= n_dot_v
                 vx, vy = hx - s, hy
-                if kind == 2:
+                if kind == 2 or kind == 4:
                     vx, vy = -vx, -vy
                     hx, hy = vx + s, vy
                 i = iu * v.size + iv

@@ -1,0 +1,171 @@
+"""Labelled tables of albedos: values, bounds, coordinates, units and provenance."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+import albedo
+from albedo.brdf import Model
+from albedo.errors import InputError
+from albedo.estimate import Estimate
+from albedo.quadrature import albedo_rows, check_directions, check_tolerances, warn_unconverged
+
+if TYPE_CHECKING:
+    import xarray
+
+_CHUNK = 256
+
+
+def table(
+    model: Model,
+    cos_theta: ArrayLike,
+    phi: ArrayLike = 0.0,
+    sweep: Mapping[str, Sequence[Any]] | None = None,
+    rtol: float = 1e-8,
+    atol: float = 0.0,
+    *,
+    fixed: str = "light",
+    complement: bool = False,
+    max_evaluations: int | None = None,
+    threads: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> xarray.Dataset:
+    """Directional albedos over a grid of directions and parameters.
+
+    Parameters
+    ----------
+    model : Model
+        The model; parameters that are swept replace its own.
+    cos_theta, phi : array_like
+        Cosines in [0, 1] and azimuths in radians, each a number or a list.
+    sweep : mapping of str to sequence, optional
+        Values of parameters (aliases allowed); the table has one dimension for each.
+    rtol, atol, fixed, complement, max_evaluations
+        As in `albedo.directional_albedo`.
+    threads : int
+        Threads that share the work; the numbers do not depend on it.
+    progress : callable, optional
+        Called as ``progress(done, total)`` with counts of entries.
+
+    Returns
+    -------
+    xarray.Dataset
+        Variables ``value``, ``error``, ``evaluations`` and ``converged`` with dimensions (sweep
+        names..., phi, cos_theta), units, and the provenance in its attributes.
+
+    Raises
+    ------
+    InputError
+        For input out of range, before anything is computed.
+    """
+    import xarray
+
+    c, p = check_directions(np.atleast_1d(cos_theta).ravel(), 0.0)[0], np.atleast_1d(phi).ravel()
+    p = check_directions(0.5, p)[1]
+    check_tolerances(rtol, atol)
+    if not isinstance(threads, int) or not 1 <= threads <= 256:
+        raise InputError(f"threads = {threads!r} is out of range; it lies in [1, 256]")
+    axes = {name: list(values) for name, values in (sweep or {}).items()}
+    for name, values in axes.items():
+        if not values:
+            raise InputError(f"the sweep of {name} is empty")
+    models = [
+        model.replace(**dict(zip(axes, values, strict=True)))
+        for values in itertools.product(*axes.values())
+    ]
+    phis, cosines = (a.ravel() for a in np.meshgrid(p, c, indexing="ij"))
+    per_model = phis.size
+    rows = [m for m in models for _ in range(per_model)]
+    total = len(rows)
+    cosines, phis = np.tile(cosines, len(models)), np.tile(phis, len(models))
+    # Whole models per chunk where possible: their rows share kernels and panels.
+    step = max(1, min(_CHUNK, -(-total // (2 * threads)) if threads > 1 else _CHUNK))
+    starts = range(0, total, step)
+    lock, done = threading.Lock(), 0
+
+    def work(first: int) -> Estimate:
+        nonlocal done
+        piece = slice(first, min(first + step, total))
+        found = albedo_rows(
+            rows[piece],
+            *(cosines[piece], phis[piece]),
+            rtol=rtol,
+            atol=atol,
+            fixed=fixed,
+            complement=complement,
+            max_evaluations=max_evaluations,
+        )
+        with lock:
+            done += len(rows[piece])
+            if progress is not None:
+                progress(done, total)
+        return found
+
+    if threads == 1:
+        pieces = [work(first) for first in starts]
+    else:
+        with ThreadPoolExecutor(threads) as pool:
+            try:
+                pieces = list(pool.map(work, starts))
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
+    joined = Estimate(
+        *(np.concatenate([getattr(x, f) for x in pieces]) for f in ("value", "error")),
+        "bound",
+        *(np.concatenate([getattr(x, f) for x in pieces]) for f in ("evaluations", "converged")),
+    )
+    warn_unconverged(joined, rtol, atol)
+    shape = (*(len(v) for v in axes.values()), p.size, c.size)
+    dims = (*axes, "phi", "cos_theta")
+    what = "complement of the directional albedo" if complement else "directional albedo"
+    labels = {
+        "value": (what, "1"),
+        "error": ("bound on the error of value", "1"),
+        "evaluations": ("evaluations of the model, those of the bound included", "1"),
+        "converged": ("whether the tolerance was met", "1"),
+    }
+    variables = {
+        name: (dims, getattr(joined, name).reshape(shape), {"long_name": text, "units": unit})
+        for name, (text, unit) in labels.items()
+    }
+    info = {q.name: q for q in model.parameter_info()}
+    coordinates: dict[str, Any] = {
+        name: (name, values, {"long_name": info[name].doc, "units": info[name].unit})
+        for name, values in axes.items()
+    }
+    coordinates["phi"] = ("phi", p, {"long_name": "azimuth of the fixed direction", "units": "rad"})
+    coordinates["cos_theta"] = (
+        *("cos_theta", c),
+        {"long_name": "cosine of the angle to the normal", "units": "1"},
+    )
+    kept = {k: v for k, v in model.parameters.items() if not _swept(model, k, axes)}
+    attributes = {
+        "title": f"{what} of {model.name}",
+        "model": model.name,
+        "parameters": json.dumps(kept),
+        "equation": model.equation,
+        "references": " ".join(model.references),
+        "fixed": fixed,
+        "error_kind": "bound",
+        "rtol": rtol,
+        "atol": atol,
+        "source": f"albedo-workbench {albedo.__version__}",
+    }
+    if model.resolved_width is not None:
+        attributes["resolved_width"] = model.resolved_width
+    return xarray.Dataset(variables, coordinates, attributes)
+
+
+def _swept(model: Model, name: str, axes: Mapping[str, Any]) -> bool:
+    """Whether a sweep sets this parameter, directly or through an alias."""
+    info = {q.name: q for q in model.parameter_info()}
+    return any(name == axis or name in getattr(info[axis], "targets", ()) for axis in axes)
