@@ -15,31 +15,31 @@ GEOMETRIES = {"none": 0, "v_cavity": 1, "smith": 2, "smith_correlated": 3}
 
 
 @kernel
-def distribution(code, ax, ay, scale, x, y):
-    """D of the half vector with slopes (x, y).
+def distribution(code, kx, ky, scale, x2, y2):
+    """D of the half vector with squared slopes (x2, y2).
 
-    ax, ay are widths for beckmann, ggx and gaussian and exponents for the two powers; `scale`
-    is the normalisation constant, which does not depend on direction.
+    kx, ky are inverse squared widths for beckmann, ggx and gaussian, and exponents for the two
+    powers; `scale` is the normalisation constant, which does not depend on direction.
 
     Sources: Beckmann and GGX, Walter et al. 2007, eqs. 25 and 33; Blinn-Phong and Gaussian,
     Schwenk, eqs. 36 and 37; Ashikhmin-Shirley, Schwenk, eq. 39, with the constant that makes
     the projected integral 1 (as printed it lacks 1/(2 pi) and is normalised over solid angle).
     """
-    tan2 = x * x + y * y
+    tan2 = x2 + y2
     q = 1.0 + tan2
-    if code == 0:
-        return scale * math.exp(-(x * x / (ax * ax) + y * y / (ay * ay))) * q * q
     if code == 1:
-        g = q / (1.0 + x * x / (ax * ax) + y * y / (ay * ay))
+        g = q / (1.0 + x2 * kx + y2 * ky)
         return scale * g * g
+    if code == 0:
+        return scale * math.exp(-(x2 * kx + y2 * ky)) * q * q
     if code == 2:
-        return scale * math.exp(-0.5 * ax * math.log1p(tan2))
+        return scale * math.exp(-0.5 * kx * math.log1p(tan2))
     if code == 3:
         delta = math.atan(math.sqrt(tan2))
-        return scale * math.exp(-(delta * delta) / (ax * ax))
-    n = ax
+        return scale * math.exp(-(delta * delta) * kx)
+    n = kx
     if tan2 > 0.0:
-        n = (ax * x * x + ay * y * y) / tan2
+        n = (kx * x2 + ky * y2) / tan2
     return scale * math.exp(-0.5 * n * math.log1p(tan2))
 
 
@@ -62,22 +62,19 @@ def beckmann_lambda(a):
 
 
 @kernel
-def smith_lambda(code, ax, ay, vx, vy, vz):
-    """Smith's Lambda(v): exact for beckmann and ggx; the other distributions borrow beckmann's.
+def smith_lambda(code, ax2, ay2, vx, vy, vz):
+    """Smith's Lambda(v) for squared slope widths ax2, ay2: exact for beckmann and ggx.
 
-    The two powers take alpha = sqrt(2/(n + 2)) (Walter et al. 2007, sect. 5.2), the Gaussian its
-    own m; neither is the masking that belongs to the distribution: their furnace is not exact.
+    The other distributions borrow beckmann's: the two powers with alpha^2 = 2/(n + 2) (Walter et
+    al. 2007, sect. 5.2), the Gaussian with its own m. That is not the masking that belongs to
+    them: their furnace is not exact.
     """
-    if code == 2 or code == 4:
-        ax = math.sqrt(2.0 / (ax + 2.0))
-        ay = math.sqrt(2.0 / (ay + 2.0))
-    t = math.hypot(ax * vx, ay * vy) / vz
+    t2 = (ax2 * vx * vx + ay2 * vy * vy) / (vz * vz)
     if code == 1:
-        t2 = t * t
         return 0.5 * t2 / (1.0 + math.sqrt(1.0 + t2))
-    if t == 0.0:
+    if t2 == 0.0:
         return 0.0
-    return beckmann_lambda(1.0 / t)
+    return beckmann_lambda(1.0 / math.sqrt(t2))
 
 
 @kernel

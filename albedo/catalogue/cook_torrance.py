@@ -23,9 +23,10 @@ def fill(wi, wo, h, p, out):
     """f = F(v.h) D(h) G(l, v, h) / (4 n.l n.v)."""
     for j in range(out.shape[0]):
         lx, ly, lz = wi[0, j], wi[1, j], wi[2, j]
-        dist, geometry, ax, ay, scale = int(p[j, 0]), int(p[j, 1]), p[j, 2], p[j, 3], p[j, 4]
+        dist, geometry, kx, ky, scale = int(p[j, 0]), int(p[j, 1]), p[j, 2], p[j, 3], p[j, 4]
         f_code, f_a, f_b, prefactor = int(p[j, 5]), p[j, 6], p[j, 7], p[j, 8]
-        lambda_l = smith_lambda(dist, ax, ay, lx, ly, lz) if geometry >= 2 else 0.0
+        ax2, ay2 = p[j, 9], p[j, 10]
+        lambda_l = smith_lambda(dist, ax2, ay2, lx, ly, lz) if geometry >= 2 else 0.0
         for i in range(out.shape[1]):
             vz = wo[2, j, i]
             if vz <= 0.0:
@@ -33,12 +34,13 @@ def fill(wi, wo, h, p, out):
                 continue
             hx, hy, hz = h[0, j, i], h[1, j, i], h[2, j, i]
             u = v_dot_h(hx, hy, hz)
-            d = distribution(dist, ax, ay, scale, hx / hz, hy / hz)
+            x, y = hx / hz, hy / hz
+            d = distribution(dist, kx, ky, scale, x * x, y * y)
             g = 1.0
             if geometry == 1:
                 g = v_cavity(0.5 * hz / u, lz, vz, u)
             elif geometry >= 2:
-                lambda_v = smith_lambda(dist, ax, ay, wo[0, j, i], wo[1, j, i], vz)
+                lambda_v = smith_lambda(dist, ax2, ay2, wo[0, j, i], wo[1, j, i], vz)
                 g = 1.0 / (1.0 + lambda_l + lambda_v)
                 if geometry == 2:
                     g = 1.0 / ((1.0 + lambda_l) * (1.0 + lambda_v))
@@ -50,9 +52,10 @@ def loss(wi, wo, h, p, out):
     """D (G1(l) - F G2(l, v)) / (4 n.l): what the weak white furnace integral of 1 loses."""
     for j in range(out.shape[0]):
         lx, ly, lz = wi[0, j], wi[1, j], wi[2, j]
-        dist, geometry, ax, ay, scale = int(p[j, 0]), int(p[j, 1]), p[j, 2], p[j, 3], p[j, 4]
+        dist, geometry, kx, ky, scale = int(p[j, 0]), int(p[j, 1]), p[j, 2], p[j, 3], p[j, 4]
         f_code, f_a, f_b = int(p[j, 5]), p[j, 6], p[j, 7]
-        lambda_l = smith_lambda(dist, ax, ay, lx, ly, lz) if geometry >= 2 else 0.0
+        ax2, ay2 = p[j, 9], p[j, 10]
+        lambda_l = smith_lambda(dist, ax2, ay2, lx, ly, lz) if geometry >= 2 else 0.0
         for i in range(out.shape[1]):
             hx, hy, hz, vz = h[0, j, i], h[1, j, i], h[2, j, i], wo[2, j, i]
             u = v_dot_h(hx, hy, hz)
@@ -65,12 +68,13 @@ def loss(wi, wo, h, p, out):
                 g2 = v_cavity(n_dot_h, lz, vz, u)
                 lost = g1 - g2
             elif vz > 0.0:
-                lambda_v = smith_lambda(dist, ax, ay, wo[0, j, i], wo[1, j, i], vz)
+                lambda_v = smith_lambda(dist, ax2, ay2, wo[0, j, i], wo[1, j, i], vz)
                 rest = 1.0 + lambda_v + (lambda_l if geometry == 3 else 0.0)
                 g2 = 1.0 / rest if geometry == 3 else g1 / rest
                 lost = g1 * lambda_v / rest
             absorbed = (1.0 - fresnel(f_code, f_a, f_b, u)) * g2
-            d = distribution(dist, ax, ay, scale, hx / hz, hy / hz)
+            x, y = hx / hz, hy / hz
+            d = distribution(dist, kx, ky, scale, x * x, y * y)
             out[j, i] = d * (lost + absorbed) / (4.0 * lz)
 
 
@@ -172,10 +176,13 @@ class CookTorrance(Model):
             scale = gaussian_scale(ax)
         fresnel_a = self.f0 if self.fresnel == "schlick" else 0.0
         fresnel_a = self.ior if self.fresnel in ("dielectric", "conductor") else fresnel_a
+        widths = self.distribution in _WIDTHS
+        slope_x, slope_y = (ax * ax, ay * ay) if widths else (2.0 / (ax + 2.0), 2.0 / (ay + 2.0))
+        kx, ky = (1.0 / slope_x, 1.0 / slope_y) if widths else (ax, ay)
         return (
-            *(DISTRIBUTIONS[self.distribution], GEOMETRIES[self.geometry], ax, ay, scale),
+            *(DISTRIBUTIONS[self.distribution], GEOMETRIES[self.geometry], kx, ky, scale),
             *(CODES[self.fresnel], fresnel_a, self.k if self.fresnel == "conductor" else 0.0),
-            0.25 if self.prefactor == "1/4" else 1.0,
+            *(0.25 if self.prefactor == "1/4" else 1.0, slope_x, slope_y),
         )
 
     def parts(self) -> tuple[Part, ...]:

@@ -99,8 +99,9 @@ class PolarChart:
             What `nodes` needs of each row.
         row : ndarray of int, shape (m,)
             Row to which each panel belongs.
-        code : ndarray of int, shape (m, 4)
-            Quadrant, index of the inner panel, number of inner panels, multiplicity.
+        code : ndarray of int, shape (m, 5)
+            Quadrant, index of the inner panel, number of inner panels (negative when the last
+            is graded towards the horizon), multiplicity, arrangement of the kinks.
         box : ndarray, shape (m, 4)
             u0, u1, v0, v1: the panel in the chart's own coordinates.
         """
@@ -129,7 +130,8 @@ class PolarChart:
     def _grades_edge(self, c: np.ndarray, width: np.ndarray) -> np.ndarray:
         """1 where the lobe reaches the horizon and n.v = n.l lies in a thin layer along it."""
         whole = DECAYS[self.decay] == 0 or (width > 0.1)
-        return np.where((c < _LAYERED_EDGE) & whole & (not self.full), 1.0, 0.0)
+        reaches = self.kind not in ("mirror", "retro") and not self.full
+        return np.where((c < _LAYERED_EDGE) & whole & reaches, 1.0, 0.0)
 
     @property
     def _structure(self) -> tuple[int, int, int, bool]:
@@ -232,7 +234,7 @@ def _breaks(big_t, width, kind, kinks, decay, full, b):
         if b[j] > cut:
             b[j] = cut
             moved += 1 << j
-    core = 6.0 * width
+    core = 3.0 * width
     if decay == 0 and core < b[n]:
         # The core of a heavy-tailed lobe is a panel of its own, the same for every psi.
         j = n
@@ -281,7 +283,7 @@ def _panels(geometry, quadrants, coarse, kind, kinks, decay, full):
     rows = geometry.shape[0]
     room = rows * quadrants * 24 + 64
     row = np.empty(room, np.int64)
-    code = np.empty((room, 4), np.int64)
+    code = np.empty((room, 5), np.int64)
     box = np.empty((room, 4), np.float64)
     cuts = np.empty(160)
     b = np.empty(8)
@@ -316,11 +318,12 @@ def _panels(geometry, quadrants, coarse, kind, kinks, decay, full):
                 for k in range(known - 1):
                     low = cuts[k] + 1e-9 * (cuts[k + 1] - cuts[k])
                     before = _pattern(g, quadrant, low, kind, kinks, decay, full, b)
-                    for probe in range(1, 9):
-                        high = cuts[k] + (0.125 * probe - 1e-9) * (cuts[k + 1] - cuts[k])
+                    probes = 8 if quadrants == 2 else 24
+                    for probe in range(1, probes + 1):
+                        high = cuts[k] + (probe / probes - 1e-9) * (cuts[k + 1] - cuts[k])
                         after = _pattern(g, quadrant, high, kind, kinks, decay, full, b)
-                        left, right = low, high
-                        if after != before:
+                        while after != before and m < cuts.size:
+                            left, right = low, high
                             for _ in range(45):
                                 middle = 0.5 * (left + right)
                                 found = _pattern(g, quadrant, middle, kind, kinks, decay, full, b)
@@ -330,7 +333,10 @@ def _panels(geometry, quadrants, coarse, kind, kinks, decay, full):
                                     right = middle
                             cuts[m] = 0.5 * (left + right)
                             m += 1
-                        low, before = high, after
+                            # There may be a second change before the next probe.
+                            low = right
+                            before = _pattern(g, quadrant, right, kind, kinks, decay, full, b)
+                        low = high
                 cuts[:m].sort()
             for k in range(m - 1):
                 u0, u1 = cuts[k], cuts[k + 1]
@@ -340,13 +346,13 @@ def _panels(geometry, quadrants, coarse, kind, kinks, decay, full):
                     continue
                 size[:] = 0.0
                 span[:] = 0.0
-                inner = 0
+                inner, pattern = 0, -1
                 for f in (0.02, 0.5, 0.98):
                     cos_psi, _, width, _ = _azimuth(g, quadrant, u0 + f * (u1 - u0))
                     big_t = s / c * cos_psi
-                    inner, found = _breaks(big_t, width, kind, kinks, decay, full, b)
+                    inner, pattern = _breaks(big_t, width, kind, kinks, decay, full, b)
                     scale = _scale(width, decay)
-                    graded = not coarse and (layered or (decay == 0 and found > 0 and not full))
+                    graded = not coarse and (layered or (decay == 0 and pattern > 0 and not full))
                     if graded:
                         _split_edge(b, inner)
                         inner += 1
@@ -374,6 +380,7 @@ def _panels(geometry, quadrants, coarse, kind, kinks, decay, full):
                         code[count, 1] = j
                         code[count, 2] = -inner if graded else inner
                         code[count, 3] = 2 if quadrants == 2 else 1
+                        code[count, 4] = -1 if coarse else pattern
                         box[count, 0] = u0
                         box[count, 1] = u1
                         box[count, 2] = piece / pieces
@@ -403,8 +410,10 @@ def _nodes(geometry, code, box, u, v, kind, kinks, decay, full, edge, origin, wi
         for iu in range(u.size):
             cos_psi, sin_psi, width, turn = _azimuth(g, quadrant, u0 + (u1 - u0) * u[iu])
             big_t = s / c * cos_psi
-            found, _ = _breaks(big_t, width, kind, kinks, decay, full, b)
+            found, pattern = _breaks(big_t, width, kind, kinks, decay, full, b)
             scale = _scale(width, decay)
+            # A panel that is not what it was taken for: better no value than a wrong one.
+            sound = 1.0 if pattern == code[k, 4] or code[k, 4] < 0 else math.nan
             if graded:
                 _split_edge(b, found)
             elif inner == 1 and found > 1:
@@ -432,10 +441,10 @@ def _nodes(geometry, code, box, u, v, kind, kinks, decay, full, edge, origin, wi
                 jac = outer * stretch * abs(s1 - s0) * math.sqrt(scale * scale + t * t)
                 if at_edge:
                     t = b[j + 1] - t
-                t2 = 1.0 + t * t
-                sin_delta = 2.0 * t / t2
-                cos_delta = (1.0 - t) * (1.0 + t) / t2
-                jac *= 2.0 / t2
+                half = 2.0 / (1.0 + t * t)
+                sin_delta = t * half
+                cos_delta = half - 1.0 if t < 0.5 else 0.5 * (1.0 - t) * (1.0 + t) * half
+                jac *= half
                 n_dot_l = c
                 sin_2 = 2.0 * sin_delta * cos_delta
                 two_sin2 = 2.0 * sin_delta * sin_delta
@@ -463,4 +472,4 @@ def _nodes(geometry, code, box, u, v, kind, kinks, decay, full, edge, origin, wi
                 h[0, k, i] = hx * cos_phi - hy * sin_phi
                 h[1, k, i] = hx * sin_phi + hy * cos_phi
                 h[2, k, i] = n_dot_l + n_dot_v
-                weight[k, i] = jac
+                weight[k, i] = jac * sound

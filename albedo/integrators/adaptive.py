@@ -276,17 +276,27 @@ def _plan(cells: _Cells, share: np.ndarray, active: np.ndarray) -> _Work:
         # Spectra of entire functions fall ever faster, so less than proportionally more will do.
         growth = np.where(old <= 16, _GROWTH, 1.0)
         wanted = old * (np.log(goal / size) / np.log(np.minimum(error / size, 0.9))) ** growth
+        # A direction that was resolved far too well may use fewer nodes once the cell is cut.
+        enough = 1.3 * old * np.log(goal / size) / np.log(np.maximum(error / size, 1e-25)) + 2.0
     wanted = np.where(error > goal, np.maximum(wanted, old + 2), old)
     wanted = np.where(np.isfinite(wanted), wanted, 1e9)
-    rung = np.minimum(np.searchsorted(_LADDER, np.minimum(wanted, 1e6)), _LADDER.size - 1)
-    order = np.maximum(_LADDER[rung], old)
+    order = np.maximum(_rung(wanted), old)
     hopeless = (wanted > np.where(old < 20, 2.0, 1.25) * _TOP) | ((old >= _TOP) & (error > goal))
     worst = np.argmax(np.where(hopeless, error, -1.0), axis=1)
     cut = np.where(hopeless.any(1), worst, -1)
     # A half needs fewer nodes along the cut, and what was planned across it.
     one = np.arange(parent.size)
+    across = 1 - worst
+    spare = (cut >= 0) & (error[one, across] < 1e-3 * goal[:, 0])
+    fewer = np.minimum(_rung(np.clip(enough[one, across], 10, _TOP)), old[one, across])
+    order[one, across] = np.where(spare, fewer, order[one, across])
     order[one, worst] = np.where(cut >= 0, np.clip(old[one, worst], 8, 16), order[one, worst])
     return _Work(parent, order, cut)
+
+
+def _rung(wanted: np.ndarray) -> np.ndarray:
+    """The next order on the ladder."""
+    return _LADDER[np.minimum(np.searchsorted(_LADDER, wanted), _LADDER.size - 1)]
 
 
 def _audit(cells: _Cells, children: _Cells, work: _Work, doubt: np.ndarray) -> np.ndarray:

@@ -10,17 +10,20 @@ geometric decay allows, so that algebraic decay (a kink that was not split) is c
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
+from albedo._compile import kernel
+
 LADDER = (2, 3, 4, 5, 6, 8, 10, 12, 14, 16, 20, 24, 28, 32)
 """Numbers of nodes that cells may use."""
 
-# The bound is _SAFETY * tail * fall**steepness; tests/test_rules.py measures how it covers.
+# The bound is _SAFETY * tail * exp(steepness * fall); tests/test_rules.py measures how it covers.
 _SAFETY = 30.0
-_STEEPNESS = (1.0, 1.5)
+_SHALLOW, _STEEP = 1.0, 1.5
 
 
 @dataclass(frozen=True)
@@ -55,31 +58,59 @@ def spectrum_bound(coefficients: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    coefficients : ndarray, shape (..., p)
-        Coefficients that a rule of p nodes gave; the first is the integral.
+    coefficients : ndarray, shape (m, p)
+        Coefficients that a rule of p nodes gave; the first of each row is the integral.
 
     Returns
     -------
-    ndarray, shape (...)
-        A bound on the error of the first coefficient, never negative.
+    ndarray, shape (m,)
+        Bounds on the errors of the first coefficients, never negative.
     """
-    a = np.abs(coefficients)
-    p = a.shape[-1]
-    if p < 6:
-        # Too short a spectrum to see a rate: everything but the mean may be aliased.
-        return 4.0 * a[..., 1:].sum(-1) + (0.25 if p < 4 else 0.0) * a[..., 0]
-    tail = a[..., p - (4 if p > 8 else 3) :].max(-1)
-    middle = np.maximum(a[..., p // 2 - 2 :].max(-1), tail)
-    head = np.maximum(a[..., p // 4 - 1 :].max(-1), middle)
-    last = a[..., p - 2 :].max(-1)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    bound = np.empty(coefficients.shape[0])
+    _bound(coefficients, bound)
+    return bound
+
+
+@kernel
+def _largest(a, first, last):
+    """Largest modulus in a[first:last]."""
+    top = 0.0
+    for k in range(first, last):
+        top = max(top, abs(a[k]))
+    return top
+
+
+@kernel
+def _bound(coefficients, bound):
+    p = coefficients.shape[1]
+    for i in range(coefficients.shape[0]):
+        a = coefficients[i]
+        if p < 6:
+            # Too short a spectrum to see a rate: everything but the mean may be aliased.
+            total = 0.25 * abs(a[0]) if p < 4 else 0.0
+            for k in range(1, p):
+                total += 4.0 * abs(a[k])
+            bound[i] = total
+            continue
+        tail = _largest(a, p - (4 if p > 8 else 3), p)
+        if tail == 0.0:
+            bound[i] = 0.0
+            continue
+        middle = max(_largest(a, p // 2 - 2, p), tail)
+        head = max(_largest(a, p // 4 - 1, p), middle)
         # Per octave an algebraic spectrum falls by a constant factor, a geometric one by its square.
-        fall = np.log(tail / middle)
-        bend = np.where(head > middle, fall / np.log(middle / head), 0.0)
-        octave = np.clip(0.75 * bend, *_STEEPNESS) * fall
-        # A smooth part can hide an algebraic one until the last coefficients: follow their slope too.
+        fall = math.log(tail / middle)
+        steepness = _SHALLOW
+        if head > middle:
+            steepness = min(max(0.75 * fall / math.log(middle / head), _SHALLOW), _STEEP)
+        octave = steepness * fall
+        # A smooth part can hide an algebraic one until the last coefficients: follow their slope.
+        last = _largest(a, p - 2, p)
         for shift in (2, max(2, p // 4)):
-            before = np.maximum(a[..., p - 2 - shift :].max(-1), last)
-            octave = np.maximum(octave, np.log(2) / np.log(p / (p - shift)) * np.log(last / before))
-        octave = np.where(last > 0, octave, 0.0)
-        return np.where(tail > 0, _SAFETY * tail * np.exp(octave), 0.0)
+            before = max(_largest(a, p - 2 - shift, p), last)
+            if last > 0.0:
+                slope = math.log(2.0) / math.log(p / (p - shift)) * math.log(last / before)
+                octave = max(octave, slope)
+        bound[i] = _SAFETY * tail * math.exp(min(octave, 0.0)) if last > 0.0 else _SAFETY * tail
+        if not math.isfinite(tail):
+            bound[i] = math.inf

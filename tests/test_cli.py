@@ -1,0 +1,332 @@
+"""The command line: what it prints, what it writes, and how it refuses."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import albedo
+from albedo.cli import _complete_model, app
+
+# Long enough on two busy cores, and far below what a hanging process would take.
+PATIENCE = 120.0
+
+# New processes find the package that is tested here, installed or not.
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(albedo.__file__).parents[1])}
+
+
+def run(*arguments: str):
+    return CliRunner().invoke(app, list(arguments), catch_exceptions=False)
+
+
+def refused(*arguments: str) -> str:
+    """Run what cannot work: status 2 and one sentence on stderr, nothing on stdout."""
+    result = run(*arguments)
+    assert result.exit_code == 2, result.output
+    assert result.stdout == ""
+    lines = result.stderr.strip().splitlines()
+    assert len(lines) == 1, result.stderr
+    assert lines[0].startswith("Error: ")
+    assert lines[0].endswith(".")
+    assert "Traceback" not in result.stderr
+    return lines[0]
+
+
+def records(*arguments: str) -> list[dict]:
+    result = run("eval", *arguments, "--json")
+    assert result.exit_code == 0, result.output
+    return json.loads(result.stdout, parse_constant=pytest.fail)
+
+
+def test_version_and_help():
+    assert run("--version").stdout == f"albedo {albedo.__version__}\n"
+    for command in ((), ("models",), ("eval",), ("table",), ("plot",), ("report",)):
+        result = run(*command, "--help")
+        assert result.exit_code == 0
+        assert "Examples:" in result.stdout
+        # Sweeps in brackets are part of the examples, not of a markup language.
+        assert "\b" not in result.stdout
+    for command in ("list", "run"):
+        assert "Examples:" in run("study", command, "--help").stdout
+
+
+def test_all_models_are_listed():
+    result = run("models")
+    assert result.exit_code == 0
+    for name, kind in albedo.models().items():
+        (line,) = (row for row in result.stdout.splitlines() if row.split()[:1] == [name])
+        assert kind.title in line
+
+
+@pytest.mark.parametrize("name", albedo.models())
+def test_a_model_is_shown_in_full(name):
+    result = run("models", name)
+    assert result.exit_code == 0
+    kind = albedo.models()[name]
+    assert kind.equation in result.stdout
+    for item in kind.parameter_info():
+        assert item.name in result.stdout
+        assert item.range_text in result.stdout
+        assert item.doc in result.stdout
+
+
+def test_eval_prints_what_the_library_computes():
+    rows = records("ward:m=0.1", "--theta", "0,60,85")
+    ward = albedo.model("ward", m=0.1)
+    expected = albedo.directional_albedo(ward, [row["cos_theta"] for row in rows])
+    assert [row["value"] for row in rows] == expected.value.tolist()
+    assert [row["error"] for row in rows] == expected.error.tolist()
+    assert [row["evaluations"] for row in rows] == expected.evaluations.tolist()
+    assert [row["theta"] for row in rows] == [0.0, 60.0, 85.0]
+    assert rows[1]["cos_theta"] == 0.5
+    assert all(row["kind"] == "bound" and row["converged"] for row in rows)
+    assert {row["model"] for row in rows} == {"ward:m=0.1"}
+
+
+def test_eval_in_csv_keeps_every_digit():
+    result = run("eval", "phong:n=20", "--cos", "1,0.5,1e-3", "--csv")
+    rows = list(csv.DictReader(io.StringIO(result.stdout)))
+    expected = albedo.directional_albedo(albedo.model("phong", n=20), [1.0, 0.5, 1e-3])
+    assert [float(row["value"]) for row in rows] == expected.value.tolist()
+
+
+def test_eval_for_people():
+    result = run("eval", "ward:m=[.1,.2]", "--theta", "0,60")
+    assert result.exit_code == 0
+    lines = result.stdout.splitlines()
+    assert "albedo (bound)" in result.stdout
+    assert sum("ward:m=0.1 " in line for line in lines) == 1
+    assert sum("ward:m=0.2 " in line for line in lines) == 1
+    assert "0.97105167" in result.stdout
+
+
+def test_grazing_in_degrees_is_exactly_grazing():
+    (row,) = records("phong:n=20", "--theta", "90")
+    assert row["cos_theta"] == 0.0
+    exact = albedo.directional_albedo(albedo.model("phong", n=20), 0.0)
+    assert row["value"] == float(exact.value)
+
+
+def test_parts_are_shown_beside_the_total():
+    rows = records("he_torrance:sigma0=0.1,tau=1.7", "--theta", "60")
+    parts = {row["part"]: row["value"] for row in rows}
+    assert set(parts) == {"total", "mirror", "directional_diffuse"}
+    assert parts["total"] == pytest.approx(parts["mirror"] + parts["directional_diffuse"])
+
+
+def test_azimuths_are_degrees():
+    rows = records("ward:alpha_x=0.1,alpha_y=0.4", "--cos", "0.3", "--phi", "0,90")
+    ward = albedo.model("ward", alpha_x=0.1, alpha_y=0.4)
+    for row, phi in zip(rows, (0.0, np.pi / 2), strict=True):
+        exact = albedo.directional_albedo(ward, 0.3, phi=phi)
+        assert row["value"] == float(exact.value)
+
+
+def test_the_other_quantities():
+    (row,) = records("phong:n=20", "--cos", "0.7", "--complement")
+    (whole,) = records("phong:n=20", "--cos", "0.7")
+    assert row["quantity"] == "1 - albedo"
+    assert row["value"] == pytest.approx(1.0 - whole["value"], rel=1e-6)
+    (seen,) = records("phong:n=20", "--cos", "0.7", "--fixed", "view")
+    assert seen["value"] == pytest.approx(whole["value"], rel=1e-6)
+    (mean,) = records("lambert:rho=0.5", "--average")
+    assert mean["quantity"] == "average albedo"
+    assert mean["value"] == pytest.approx(0.5, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("eval", "wart"), "ward"),
+        (("eval", "ward:m=0"), "alpha_x"),
+        (("eval", "ward:rough=1"), "has no parameter"),
+        (("eval", "ward:m=nan"), "finite"),
+        (("eval", "ward:m=(1"), "never closed"),
+        (("eval", "ward", "--cos", "2"), "within 0 and 1"),
+        (("eval", "ward", "--cos", "nan"), "finite"),
+        (("eval", "ward", "--theta", "91"), "within 0 and 90"),
+        (("eval", "ward", "--theta", "60", "--cos", "1"), "choose one"),
+        (("eval", "ward", "--phi", "x"), "--phi"),
+        (("eval", "ward", "--json", "--csv"), "choose one"),
+        (("eval", "ward", "--average", "--cos", "1"), "--cos"),
+        (("eval", "ward", "--rtol", "-1"), "rtol"),
+        (("eval", "ward", "--rtol", "nan"), "rtol"),
+        (("eval", "ward", "--fixed", "sideways"), "fixed"),
+        (("models", "nobody"), "unknown model"),
+        (("plot", "ward:m=0", "-o", "a.png"), "alpha_x"),
+        (("plot", "ward", "-o", "a.gif"), ".png, .svg, .pdf"),
+        (("plot", "ward", "-o", "no/a.png"), "there is no folder"),
+        (("plot", "ward", "-o", "a.png", "--min-cos", "1e-3"), "--grazing"),
+        (("plot", "ward", "-o", "a.png", "--grazing", "--min-cos", "0"), "smallest cosine"),
+        (("table", "ward", "-o", "a.xlsx"), ".nc, .csv"),
+        (("table", "ward:m=0", "-o", "a.nc"), "alpha_x"),
+        (("table", "ward", "-o", "a.nc", "--cos", "1,1"), "must differ"),
+        (("table", "ward:m=[.1,-1]", "-o", "a.nc"), "alpha_x"),
+        (("study", "list"), "--studies-dir"),
+        (("study", "run", "x"), "--studies-dir"),
+        (("report",), "./studies"),
+        (("report", "--studies-dir", "nowhere"), "nowhere"),
+    ],
+)
+def test_bad_input_gets_one_sentence_and_writes_nothing(arguments, says, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert says in refused(*arguments)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_cannot_be_written_gets_one_sentence(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "studies").mkdir()
+    (tmp_path / "studies" / "one.py").write_text("x = 1")
+    (tmp_path / "taken").write_text("a file, not a folder")
+    assert "taken" in refused("report", "-o", "taken/site")
+
+
+def test_a_table_as_netcdf(tmp_path):
+    import xarray as xr
+
+    path = tmp_path / "ward.nc"
+    result = run("table", "ward:m=[.1,.2,.3]", "--cos", "0.1..1/4", "-o", str(path))
+    assert result.exit_code == 0, result.output
+    with xr.open_dataset(path, engine="h5netcdf") as dataset:
+        assert dict(dataset.sizes) == {"m": 3, "phi": 1, "cos_theta": 4}
+        assert set(dataset) >= {"value", "error", "evaluations", "converged"}
+        ward = albedo.model("ward", m=0.2)
+        exact = albedo.directional_albedo(ward, dataset.cos_theta.values)
+        found = dataset.value.sel(m=0.2, phi=0.0).values
+        np.testing.assert_allclose(found, exact.value, rtol=2e-8)
+        assert dataset.attrs
+    assert [item.name for item in tmp_path.iterdir()] == ["ward.nc"]
+
+
+def test_a_table_as_csv(tmp_path):
+    path = tmp_path / "phong.csv"
+    result = run("table", "phong:n=[1,10]", "--theta", "0,60", "-o", str(path))
+    assert result.exit_code == 0, result.output
+    rows = list(csv.DictReader(path.read_text().splitlines()))
+    assert len(rows) == 4
+    assert {"n", "phi", "cos_theta", "value", "error", "evaluations", "converged"} <= set(rows[0])
+
+
+def test_a_plot_of_several_models_and_a_sweep(tmp_path):
+    path = tmp_path / "albedo.svg"
+    result = run("plot", "lambert", "phong:n=[5,20]", "-o", str(path))
+    assert result.exit_code == 0, result.output
+    assert path.read_text().startswith("<?xml")
+    assert "3 curves" in result.stdout
+    assert list(tmp_path.iterdir()) == [path]
+
+
+STUDY = '''"""Does Lambert's albedo stay what it is?"""
+
+import pandas as pd
+
+import albedo
+from albedo.studies import Study
+
+STUDY = Study(name="lambert", title="Lambert", claims=("L",))
+
+
+def run(context):
+    estimate = albedo.directional_albedo(albedo.model("lambert", rho=0.5), 0.3)
+    value, error = float(estimate.value), float(estimate.error)
+    context.table("albedo", pd.DataFrame({"a": [value], "a_error": [error]}))
+    context.claim("L", "The albedo is rho.", value, error, "= 0.5 +- 1e-6")
+'''
+
+
+def test_studies_from_the_command_line(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "studies").mkdir()
+    (tmp_path / "studies" / "lambert.py").write_text(STUDY)
+    assert "Lambert" in run("study", "list").stdout
+    assert "there are lambert" in refused("study", "run", "ward")
+    result = run("study", "run", "lambert", "-o", "out")
+    assert result.exit_code == 0, result.output
+    assert "L: holds" in result.stdout
+    assert (tmp_path / "out" / "lambert" / "manifest.json").is_file()
+
+    (tmp_path / "studies" / "broken.py").write_text(STUDY.replace("def run", "def walk"))
+    listing = run("study", "list")
+    assert listing.exit_code == 1
+    assert "cannot be read: InputError" in listing.stdout
+    result = run("report")
+    assert result.exit_code == 1
+    assert "reports/build/index.html" in result.stdout
+    assert "broken: failed" in result.stderr
+    assert "did not finish" in (tmp_path / "reports/build/broken/index.html").read_text()
+    assert "holds" in (tmp_path / "reports/build/lambert/index.html").read_text()
+    assert run("study", "run", "broken", "lambert", "-o", "out").exit_code == 1
+
+
+def test_model_names_complete():
+    assert _complete_model("war") == ["ward", "ward_bounded", "ward_duer"]
+
+
+def test_help_loads_nothing_heavy():
+    code = (
+        "import sys, albedo, albedo.cli\n"
+        "sys.argv = ['albedo', '--help']\n"
+        "try:\n    albedo.cli.main()\n"
+        "except SystemExit:\n    pass\n"
+        "heavy = {'numpy', 'numba', 'matplotlib', 'pandas', 'xarray', 'scipy', 'jinja2', 'rich'}\n"
+        "print(sorted(heavy & set(sys.modules)))\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env=ENVIRONMENT,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=True,
+    )
+    assert "Usage:" in done.stdout
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+@pytest.mark.parametrize("command", [("table", "-o", "a.nc"), ("plot", "-o", "a.png")])
+def test_an_interrupted_command_leaves_no_file(command, tmp_path, monkeypatch):
+    def interrupted(*arguments, **options):
+        raise KeyboardInterrupt
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(albedo, "table", interrupted)
+    monkeypatch.setattr(albedo, "directional_albedo", interrupted)
+    result = run(*command, "ward")
+    assert result.exit_code == 130
+    assert result.stderr.startswith("Interrupted")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGINT to send to one process")
+def test_a_real_interruption_ends_with_130_and_no_scraps(tmp_path):
+    (tmp_path / "studies").mkdir()
+    waits = STUDY.replace(
+        "estimate =", "print('ready', flush=True); __import__('time').sleep(60); estimate ="
+    )
+    (tmp_path / "studies" / "lambert.py").write_text(waits)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "albedo.cli", "study", "run", "lambert", "-o", "out"],
+        cwd=tmp_path,
+        env=ENVIRONMENT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 130
+    assert errors.startswith("Interrupted")
+    assert list((tmp_path / "out").iterdir()) == []

@@ -1,0 +1,423 @@
+"""Studies and the report, on small studies made for the purpose."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from albedo import plotting
+from albedo.errors import InputError
+from albedo.files import atomic_file, atomic_folder, check_output, save_json, save_text
+from albedo.report import build_report, with_error
+from albedo.studies import StudyFile, compare, discover, run_study
+
+GOOD = '''
+"""Does a number stay below one?
+
+It is a small <number>.
+"""
+
+import pandas as pd
+
+from albedo import plotting
+from albedo.studies import Study
+
+STUDY = Study(name="good", title="A small number", paper="Nobody, Nothing", claims=("X1",))
+
+
+def run(context):
+    context.progress(0, 1, "thinking")
+    frame = pd.DataFrame({"x": [0.1, 1 / 3], "a": [0.25, 2.0], "a_error": [1e-9, float("inf")]})
+    context.table("values", frame, "Values & more")
+    with plotting.style():
+        figure, (axes,) = plotting.new_figure()
+        axes.plot([0, 1], [0, 1], label="line")
+    context.figure("picture", figure, "A line")
+    context.note(f"Fidelity is {'full' if context.full else 'quick'}.")
+    context.claim("X1", "It is below one.", 0.5, 1e-3, "< 1")
+    context.claim("X1", "It is above one.", 0.5, 1e-3, "> 1")
+'''
+
+BAD = '''
+"""Does this work?"""
+
+from albedo.studies import Study
+
+STUDY = Study(name="bad", title="A broken study")
+
+
+def run(context):
+    context.note("It began well.")
+    raise RuntimeError("no <luck>")
+'''
+
+
+@pytest.fixture
+def studies(tmp_path):
+    folder = tmp_path / "studies"
+    folder.mkdir()
+    (folder / "good.py").write_text(GOOD)
+    (folder / "bad.py").write_text(BAD)
+    (folder / "_helper.py").write_text("raise SystemExit")
+    return folder
+
+
+def write_study(folder: Path, name: str, body: str, claims: str = "()") -> StudyFile:
+    path = folder / f"{name}.py"
+    path.write_text(
+        '"""Question?"""\n'
+        "from albedo.studies import Criterion, Study\n"
+        f"STUDY = Study(name={name!r}, title='T', claims={claims})\n"
+        f"def run(context):\n    {body}\n"
+    )
+    return StudyFile(path)
+
+
+def test_studies_are_found_by_their_files(studies):
+    assert [file.name for file in discover(studies)] == ["bad", "good"]
+
+
+def test_where_studies_are_looked_for(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=r"'\./studies'.*--studies-dir"):
+        discover()
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match="holds no study"):
+        discover(tmp_path / "empty")
+
+
+def test_a_study_leaves_a_complete_folder(studies, tmp_path):
+    steps = []
+    result = run_study(
+        StudyFile(studies / "good.py"),
+        tmp_path / "out",
+        progress=lambda done, total, text: steps.append((done, total, text)),
+    )
+    assert not result.failed
+    assert steps == [(0, 1, "thinking")]
+    folder = tmp_path / "out" / "good"
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "manifest.json",
+        "picture.png",
+        "picture.svg",
+        "values.csv",
+    ]
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["good"]
+    manifest = json.loads((folder / "manifest.json").read_text())
+    assert manifest["study"]["question"] == "Does a number stay below one?"
+    assert manifest["study"]["background"] == ["It is a small <number>."]
+    assert manifest["notes"] == ["Fidelity is quick."]
+    assert [claim["verdict"] for claim in manifest["claims"]] == ["holds", "fails"]
+    assert set(manifest["outputs"]) == {"picture.png", "picture.svg", "values.csv"}
+    assert re.fullmatch("[0-9a-f]{64}", manifest["inputs"]["source_sha256"])
+    assert (folder / "values.csv").read_text().splitlines() == [
+        "x,a,a_error",
+        "0.1,0.25,1e-09",
+        "0.3333333333333333,2.0,inf",
+    ]
+
+
+def test_equal_runs_have_equal_manifests_and_bytes(studies, tmp_path):
+    manifests = []
+    for name in ("one", "two"):
+        run_study(StudyFile(studies / "good.py"), tmp_path / name)
+        manifest = json.loads((tmp_path / name / "good" / "manifest.json").read_text())
+        manifest.pop("seconds")
+        manifests.append(manifest)
+    assert manifests[0] == manifests[1]
+
+
+def test_a_failing_study_keeps_its_former_results(studies, tmp_path):
+    folder = tmp_path / "bad"
+    folder.mkdir()
+    (folder / "manifest.json").write_text("{}\n")
+    result = run_study(StudyFile(studies / "bad.py"), tmp_path)
+    assert result.failed
+    assert result.folder is None
+    assert result.manifest["error"]["kind"] == "RuntimeError"
+    assert "bad.py, line" in result.manifest["error"]["where"]
+    assert str(tmp_path) not in json.dumps(result.manifest)
+    assert [path.name for path in folder.iterdir()] == ["manifest.json"]
+
+
+def test_a_folder_that_is_no_result_is_not_replaced(studies, tmp_path):
+    (tmp_path / "good").mkdir()
+    (tmp_path / "good" / "thesis.tex").write_text("years of work")
+    with pytest.raises(InputError, match="holds no results"):
+        run_study(StudyFile(studies / "good.py"), tmp_path)
+    assert (tmp_path / "good" / "thesis.tex").read_text() == "years of work"
+
+
+@pytest.mark.parametrize(
+    ("body", "claims", "says"),
+    [
+        ("context.claim('A', 's', 1, 0, '< 2')", "()", "without declaring"),
+        ("pass", "('A',)", "does not measure"),
+        ("context.claim('A', 's', 1, 0, 'big')", "('A',)", "not a criterion"),
+        ("context.claim('A', 's', float('nan'), 0, '< 1')", "('A',)", "needs a number"),
+        ("context.claim('A', 's', 1, -1, '< 1')", "('A',)", "not negative"),
+        ("context.claim('A','s',1,0,Criterion('?', lambda v, e: 'fine'))", "('A',)", "verdict"),
+        ("context.table('Bad Name', None)", "()", "small letters"),
+        ("context.table('manifest', None)", "()", "small letters"),
+        ("raise SystemExit(3)", "()", "3"),
+    ],
+)
+def test_mistakes_in_a_study_are_its_failure(tmp_path, body, claims, says):
+    result = run_study(write_study(tmp_path, "odd", body, claims), tmp_path / "out")
+    assert result.failed
+    assert says in result.manifest["error"]["message"]
+
+
+@pytest.mark.parametrize(
+    ("source", "says"),
+    [
+        ("x = 1", "is not a study"),
+        (GOOD, "calls itself 'good'"),
+        ("def broken(:", "invalid syntax"),
+    ],
+)
+def test_files_that_are_no_studies(tmp_path, source, says):
+    (tmp_path / "other.py").write_text(source)
+    result = run_study(StudyFile(tmp_path / "other.py"), tmp_path / "out")
+    assert says in result.manifest["error"]["message"]
+
+
+def test_warnings_are_on_record(tmp_path):
+    file = write_study(tmp_path, "warns", "import warnings; warnings.warn('mind this')")
+    assert run_study(file, tmp_path / "out").manifest["warnings"] == ["UserWarning: mind this"]
+
+
+def test_an_interruption_leaves_finished_studies_and_no_scraps(tmp_path):
+    studies = tmp_path / "studies"
+    studies.mkdir()
+    first = write_study(studies, "a_first", "context.note('done')")
+    second = write_study(studies, "b_second", "context.note('x'); raise KeyboardInterrupt")
+    out = tmp_path / "out"
+    with pytest.raises(KeyboardInterrupt):
+        build_report([first, second], out)
+    assert sorted(path.name for path in out.iterdir()) == ["a_first", "style.css"]
+    assert (out / "a_first" / "index.html").is_file()
+
+
+@pytest.mark.parametrize(
+    ("criterion", "value", "error", "verdict"),
+    [
+        ("< 1", 0.9, 0.05, "holds"),
+        ("< 1", 0.9, 0.2, "undecided"),
+        ("< 1", 1.0, 0.0, "fails"),
+        ("<= 1", 1.0, 0.0, "holds"),
+        ("<= 1", 1.1, 0.05, "fails"),
+        ("> 1", math.inf, 0.0, "holds"),
+        ("> 1", 1.0, 0.0, "fails"),
+        (">= 1", 1.0, 0.0, "holds"),
+        (">= 1", 0.9, math.inf, "undecided"),
+        ("= 0.68 +- 0.01", 0.683, 0.001, "holds"),
+        ("= 0.68 +- 0.01", 0.7, 0.001, "fails"),
+        ("= 0.68 +- 0.01", 0.69, 0.001, "undecided"),
+    ],
+)
+def test_verdicts_come_from_the_whole_interval(criterion, value, error, verdict):
+    assert compare(criterion).judge(value, error).split(":")[0] == verdict
+
+
+def test_the_report_shows_success_and_failure(studies, tmp_path):
+    out = tmp_path / "site"
+    results = build_report(discover(studies), out)
+    assert [result.failed for result in results] == [True, False]
+    index = (out / "index.html").read_text()
+    assert "A small number" in index
+    assert "did not finish: RuntimeError" in index
+    failed = (out / "bad" / "index.html").read_text()
+    # What a study says is text, never markup.
+    assert "no &lt;luck&gt;" in failed
+    assert "It began well." in failed
+    page = (out / "good" / "index.html").read_text()
+    assert "It is a small &lt;number&gt;." in page
+    assert "Values &amp; more" in page
+    assert "0.250000000(1)" in page
+    for text in (index, failed, page):
+        assert "http" not in text
+        assert "<script" not in text
+        assert str(tmp_path) not in text
+
+
+def test_every_link_of_the_report_leads_to_a_file(studies, tmp_path):
+    out = tmp_path / "site"
+    build_report(discover(studies), out)
+    for page in out.rglob("*.html"):
+        links = re.findall(r'(?:href|src)="([^"]+)"', page.read_text())
+        assert links
+        for link in links:
+            assert (page.parent / link).is_file(), f"{page}: {link}"
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "text"),
+    [
+        (0.4889934, 1.4e-6, "0.488993(2)"),
+        (0.5, 0.0, "0.5"),
+        (1.0, 1e-3, "1.000(1)"),
+        (0.12345, 1e-4, "0.1234(2)"),
+        (1234.5, 20.0, "1.23(3)e+03"),
+        (1.25e-9, 1e-11, "1.25(1)e-09"),
+        (0.0, 1e-3, "0.000(1)"),
+        (-0.25, 0.01, "-0.25(1)"),
+        (math.inf, 0.0, "∞"),
+        (2.0, math.inf, "2 ± ∞"),
+        (math.nan, 0.0, "not a number"),
+    ],
+)
+def test_numbers_are_printed_with_their_error(value, error, text):
+    assert with_error(value, error) == text
+
+
+def test_a_printed_interval_contains_the_true_one():
+    generator = np.random.default_rng(20240229)
+    for _ in range(500):
+        value = generator.normal() * 10.0 ** generator.integers(-12, 12)
+        error = abs(value) * 10.0 ** generator.uniform(-14, -0.5)
+        matched = re.fullmatch(r"(-?[\d.]+)\((\d)\)(e[+-]\d+)?", with_error(value, error))
+        assert matched, with_error(value, error)
+        power = matched[3] or "e0"
+        places = len(matched[1].partition(".")[2])
+        middle, half = float(matched[1] + power), float(f"{matched[2]}{power}") / 10**places
+        slack = 1e-14 * abs(value)
+        assert middle - half <= value - error + slack
+        assert middle + half >= value + error - slack
+
+
+def test_an_interrupted_write_leaves_the_old_file(tmp_path):
+    target = tmp_path / "table.csv"
+    target.write_text("old")
+    temporary: Path | None = None
+
+    def interrupted():
+        nonlocal temporary
+        with atomic_file(target) as temporary:
+            temporary.write_text("half of the n")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert temporary is not None
+    assert temporary.suffix == target.suffix
+    assert target.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_an_interrupted_folder_leaves_the_old_one(tmp_path):
+    target = tmp_path / "results"
+    with atomic_folder(target) as folder:
+        (folder / "a").write_text("old")
+
+    def interrupted():
+        with atomic_folder(target) as folder:
+            (folder / "a").write_text("new")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert (target / "a").read_text() == "old"
+    with atomic_folder(target) as folder:
+        (folder / "b").write_text("newer")
+    assert [path.name for path in target.iterdir()] == ["b"]
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_a_link_keeps_pointing_at_what_is_written(tmp_path):
+    (tmp_path / "there").mkdir()
+    link = tmp_path / "link.json"
+    link.symlink_to(tmp_path / "there" / "real.json")
+    save_text("{}\n", link)
+    assert link.is_symlink()
+    assert (tmp_path / "there" / "real.json").read_text() == "{}\n"
+
+
+def test_json_is_strict(tmp_path):
+    save_json({"a": [np.float64(1.5), np.inf, -math.inf, math.nan]}, tmp_path / "x.json")
+    text = (tmp_path / "x.json").read_text()
+    assert json.loads(text, parse_constant=pytest.fail) == {
+        "a": [1.5, "Infinity", "-Infinity", "NaN"]
+    }
+
+
+def test_outputs_that_cannot_work(tmp_path):
+    for path, says in (
+        (tmp_path / "a.txt", r"must end in one of \.nc, \.csv"),
+        (tmp_path / "no" / "a.nc", "there is no folder"),
+        (tmp_path, "must end"),
+    ):
+        with pytest.raises(InputError, match=says):
+            check_output(path, (".nc", ".csv"))
+
+
+def curves(count: int, swept: bool = False) -> list[plotting.Curve]:
+    cos_theta = plotting.angle_grid()
+    return [
+        plotting.Curve(
+            label=f"ward:m={index + 1}",
+            name="ward",
+            cos_theta=cos_theta,
+            value=cos_theta / (index + 1),
+            error=np.full(cos_theta.shape, 0.01),
+            swept=("m", float(index + 1)) if swept else None,
+        )
+        for index in range(count)
+    ]
+
+
+def test_figures_label_axes_and_curves():
+    figure = plotting.draw(curves(2))
+    (axes,) = figure.axes
+    assert axes.get_xlabel() == "angle of incidence (degrees)"
+    assert axes.get_ylabel() == "directional albedo"
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["ward:m=1", "ward:m=2"]
+    lines = [line for line in axes.get_lines() if line.get_label().startswith("ward")]
+    assert len({line.get_linestyle() + str(line._dash_pattern) for line in lines}) == 2
+    # Errors of a hundredth are seen on this axis, and so are drawn.
+    assert len(axes.collections) == 2
+
+
+def test_a_long_sweep_gets_a_colour_scale():
+    figure = plotting.draw(curves(12, swept=True))
+    assert not figure.legends
+    assert figure.axes[1].get_ylabel() == "ward: m"
+
+
+def test_a_grazing_figure_has_logarithmic_axes():
+    cos_theta = plotting.grazing_grid(1e-4)
+    diverging = plotting.Curve("w", "ward", cos_theta, cos_theta**-0.5, 0.0 * cos_theta)
+    (axes,) = plotting.draw([diverging], grazing=True).axes
+    assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
+    assert axes.get_xlim() == (1.0, 1e-4)
+    with pytest.raises(InputError, match="smallest cosine"):
+        plotting.grazing_grid(2.0)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".svg", ".pdf"])
+def test_equal_figures_are_equal_files(tmp_path, suffix):
+    contents = []
+    for name in ("a", "b"):
+        path = plotting.save_figure(plotting.draw(curves(2)), tmp_path / f"{name}{suffix}")
+        contents.append(path.read_bytes())
+    assert contents[0] == contents[1]
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_drawing_changes_no_global_setting():
+    import matplotlib
+
+    before = dict(matplotlib.rcParams)
+    plotting.draw(curves(1))
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_a_model_has_one_colour():
+    assert plotting.color("ward") == plotting.color("ward")
+    assert len({plotting.color(m) for m in ("phong", "he_torrance", "cook_torrance", "ward")}) == 4
+    assert re.fullmatch("#[0-9A-F]{6}", plotting.color("somebody_elses_model"))
