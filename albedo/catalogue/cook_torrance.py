@@ -196,9 +196,11 @@ class CookTorrance(Model):
         edge = 4 if powers and min(ax, ay) < 16 else 1
         if powers:
             ax, ay = math.sqrt(2.0 / max(ax, 2.0)), math.sqrt(2.0 / max(ay, 2.0))
-        chart = PolarChart("slope", kinks, kind, edge)
+        # Smith's factors turn where n.v passes n.l, next to the mirror direction at grazing.
+        origin = 2 if self.geometry in ("smith", "smith_correlated") else 1
+        chart = PolarChart("slope", kinks, kind, edge, origin)
         known = self._exact_masking and self.prefactor == "1/4"
-        whole = PolarChart("slope", kinks, kind, edge, full=True)
+        whole = PolarChart("slope", kinks, kind, edge, origin, full=True)
         return (
             Part("specular", fill, chart, (ax, ay), loss if known else None, whole),
         )

@@ -61,5 +61,5 @@ class Ward(Model):
         # The fast exponent is a Gaussian of the angle: the cut in slopes fits narrow lobes only.
         narrow = max(self.alpha_x, self.alpha_y) < 0.05
         decay = "gaussian" if self.form == "exact" or narrow else "algebraic"
-        chart = PolarChart("slope", decay=decay, edge=2, origin=2)
+        chart = PolarChart("slope", decay=decay, edge=2, origin=3)
         return (Part("specular", fill, chart, (self.alpha_x, self.alpha_y)),)

@@ -44,5 +44,5 @@ class WardBounded(Model):
         return (self.alpha_x**-2, self.alpha_y**-2, scale)
 
     def parts(self) -> tuple[Part, ...]:
-        chart = PolarChart("slope", decay="gaussian", origin=2)
+        chart = PolarChart("slope", decay="gaussian", origin=3)
         return (Part("specular", fill, chart, (self.alpha_x, self.alpha_y)),)

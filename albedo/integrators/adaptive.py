@@ -29,7 +29,7 @@ _BLOCK = 16384
 # Each number that a chart or a kernel hands on carries a few roundings.
 _ROUNDINGS = 40.0
 _ROUNDS = 60
-_GROWTH = 0.6
+_GROWTH = 0.65
 
 
 class Chart(Protocol):
@@ -73,7 +73,8 @@ class _Cells:
     box: np.ndarray
     order: np.ndarray  # (m, 2) nodes along u and v
     value: np.ndarray
-    error: np.ndarray  # (m, 2) bounds along u and v
+    error: np.ndarray  # (m, 2) bounds along u and v, to stop on
+    tight: np.ndarray  # (m,) their sum, to report where nothing was stopped on it
     size: np.ndarray  # integral of the modulus
 
     def take(self, keep: np.ndarray) -> _Cells:
@@ -138,7 +139,7 @@ def integrate(
         # The core of a lobe (inner panel 0) is steeper along v than along u.
         first += np.where((code[:, 1] == 0)[:, None], (-2, 4), (-2, 0))
     cells = _Cells(
-        row, code, box, first, np.zeros(m), np.zeros((m, 2)), np.zeros(m)
+        row, code, box, first, np.zeros(m), np.zeros((m, 2)), np.zeros(m), np.zeros(m)
     )
     spent = np.bincount(row, weights=first.prod(1), minlength=n).astype(int)
     _evaluate(chart, integrand, geometry, cells)
@@ -152,8 +153,7 @@ def integrate(
         active &= doubt * error + rounding > 0.5 * target
         if not active.any():
             break
-        share = 0.4 * target / (leaves * doubt)
-        work = _plan(cells, share, active)
+        work = _plan(cells, 0.25 * target / doubt, active, n)
         reserve = 2 * leaves + 4
         cost = work.cost
         rank = np.lexsort((-cells.error.sum(1)[work.parent], cells.row[work.parent]))
@@ -183,10 +183,13 @@ def integrate(
         nodes = 2 if limit - int(spent.max()) >= 8 * int(leaves.max()) else 1
         shift = _probe(chart, integrand, geometry, cells, n, nodes)
     spent = spent + 2 * nodes * nodes * leaves
-    error = doubt * error + _ROUNDINGS * _EPS * size + 4.0 * shift
+    rounding = _ROUNDINGS * _EPS * size + 4.0 * shift
+    stopped = doubt * error + rounding <= np.maximum(atol, rtol * np.abs(value))
+    tight = np.bincount(cells.row, weights=cells.tight, minlength=n)
+    error = doubt * np.where(stopped, error, tight) + rounding
     finite = np.isfinite(value) & np.isfinite(error)
     value, error = np.where(finite, value, np.nan), np.where(finite, error, np.inf)
-    converged = finite & (error <= np.maximum(atol, rtol * np.abs(value)))
+    converged = finite & stopped
     return Result(value, error, spent, converged)
 
 
@@ -227,8 +230,10 @@ def _evaluate(chart: Chart, integrand: Integrand, geometry: np.ndarray, cells: _
             along_u = f @ rule_v.weights
             along_v = np.matmul(rule_u.weights, f)
             cells.value[block] = along_u @ rule_u.weights
-            cells.error[block, 0] = spectrum_bound(along_u @ rule_u.to_coefficients)
-            cells.error[block, 1] = spectrum_bound(along_v @ rule_v.to_coefficients)
+            bound_u = spectrum_bound(along_u @ rule_u.to_coefficients)
+            bound_v = spectrum_bound(along_v @ rule_v.to_coefficients)
+            cells.error[block, 0], cells.error[block, 1] = bound_u[:, 0], bound_v[:, 0]
+            cells.tight[block] = bound_u[:, 1] + bound_v[:, 1]
             np.abs(f, out=f)
             cells.size[block] = f @ rule_v.weights @ rule_u.weights
 
@@ -261,17 +266,26 @@ class _Work:
         order = np.concatenate((self.order, self.order[first]))
         return _Cells(
             *(cells.row[source], cells.code[source], box, order),
-            *(np.zeros(m), np.zeros((m, 2)), np.zeros(m)),
+            *(np.zeros(m), np.zeros((m, 2)), np.zeros(m), np.zeros(m)),
         )
 
 
-def _plan(cells: _Cells, share: np.ndarray, active: np.ndarray) -> _Work:
-    """Choose, for every cell above its share of the tolerance, an order or a cut."""
-    allowed = share[cells.row]
-    parent = np.flatnonzero(active[cells.row] & (cells.error.sum(1) > allowed))
+def _plan(cells: _Cells, allowed: np.ndarray, active: np.ndarray, n: int) -> _Work:
+    """Choose, for the cells whose errors a row cannot afford, a higher order or a cut.
+
+    `allowed` is what the cells left alone may sum to, and once more what the others may come to.
+    """
+    total = cells.error.sum(1)
+    rank = np.lexsort((total, cells.row))
+    rows, running = cells.row[rank], np.cumsum(total[rank])
+    start = np.concatenate(([True], rows[1:] != rows[:-1]))
+    base = (running - total[rank])[start][np.cumsum(start) - 1]
+    spare = running - base <= allowed[rows]
+    parent = np.sort(rank[active[rows] & ~spare])
+    count = np.bincount(cells.row[parent], minlength=n)
     error, old = cells.error[parent], cells.order[parent]
     size = np.maximum(cells.size[parent], 1e-300)[:, None]
-    goal = 0.25 * allowed[parent][:, None]
+    goal = (0.5 * allowed / np.maximum(count, 1))[cells.row[parent]][:, None]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         # Spectra of entire functions fall ever faster, so less than proportionally more will do.
         growth = np.where(old <= 16, _GROWTH, 1.0)

@@ -348,6 +348,7 @@ class Lobe:
 
     symmetric = True
     reach: Real | None = None
+    ridge: tuple[float, float] | None = None
     width: float
 
     def row(self, y: Real) -> Callable[[Real, Real, Real], Real]:
@@ -373,6 +374,12 @@ class Quadratic(Lobe):
         self.det = inv_u * inv_v / self.a  # C - B^2/A, without cancellation
         self.least = min(inv_u, inv_v)
         self.width = float(1 / AR.sqrt(max(inv_u, inv_v)))
+
+        # the long axis of a lobe that is a ridge askew to x and y
+        self.ridge: tuple[float, float] | None = None
+        if not self.symmetric and max(inv_u, inv_v) > 25 * self.least:
+            sine, cosine = float(AR.sin(phi)), float(AR.cos(phi))
+            self.ridge = (cosine, -sine) if inv_u < inv_v else (sine, cosine)
 
     def centre(self, y: Real) -> Real:
         """Where the form is least at fixed y."""
@@ -544,6 +551,22 @@ class HalfVector:
         """Further points in x near which panels must be short."""
         return []
 
+    def ray_kinks(self, t_x: float) -> list[float]:
+        """Where a ray from the origin meets a kink; t_x is t times the ray's x direction."""
+        return []
+
+    def crossings(self) -> list[Feature]:
+        """Values of |y| where a ridge crosses the horizon or a kink."""
+        if self.lobe.ridge is None:
+            return []
+        d_x, d_y = self.lobe.ridge
+        t_x = float(self.light.t) * d_x
+        root = math.hypot(t_x, 1.0)
+        ahead = 1 / (root - t_x) if t_x < 0 else root + t_x
+        distances = [ahead, -1 / ahead, *self.ray_kinks(t_x)]
+        width = 2 * self.lobe.width
+        return [Feature(AR.num(abs(r * d_y)), width * (1 + abs(r))) for r in distances]
+
     def value(self, rule: Rule) -> Real:
         """The integral."""
         light, lobe = self.light, self.lobe
@@ -562,6 +585,7 @@ class HalfVector:
         spot = min(lobe.width, 1.0) ** 2
         turning_points = cuts[1:] if closes and not self.symmetric else cuts[1:-1]
         near += [Feature(y, spot * (1 + float(y))) for y in turning_points]
+        near += self.crossings()
         panels: list[Panel] = []
         for a, b, roots in pieces:
             ends = [Feature(e, 0.0) for e, r in zip((a, b), roots, strict=True) if r]
@@ -711,6 +735,9 @@ class AshikhminShirley(HalfVector):
     def turns(self) -> list[Real]:
         return [self.light.t / 2]
 
+    def ray_kinks(self, t_x: float) -> list[float]:
+        return [t_x]
+
 
 # --- Fresnel ---
 
@@ -821,6 +848,12 @@ class VCavity(CookTorrance):
             found.append(AR.sqrt((1 - cot) * (1 + cot)))
         found += [AR.sqrt(yy) for yy in cubic_turns(light.t)]
         return found
+
+    def ray_kinks(self, t_x: float) -> list[float]:
+        if t_x == 0:
+            return []
+        cubic = mpmath.polyroots([t_x, 3, -3 * t_x, -1], maxsteps=500, extraprec=500)
+        return [t_x, 1 / t_x, *(float(mpmath.re(r)) for r in cubic)]
 
 
 def cubic_roots(t: Real, yy: Real) -> list[Real]:
@@ -1006,7 +1039,7 @@ class OverQ2(Lobe):
     """D (n.h)^4 from a lobe that is D itself."""
 
     def __init__(self, lobe: Lobe) -> None:
-        self.lobe, self.symmetric = lobe, lobe.symmetric
+        self.lobe, self.symmetric, self.ridge = lobe, lobe.symmetric, lobe.ridge
         self.reach, self.width = lobe.reach, lobe.width
 
     def row(self, y: Real) -> Callable[[Real, Real, Real], Real]:
@@ -1604,6 +1637,7 @@ def _isotropic_extreme() -> Iterator[Row]:
     yield from rotating([f"ward:m={m},form=fast" for m in widths], GRAZING, 3)
     yield from rotating([f"phong:n={n}" for n in powers], MODERATE + GRAZING, 4)
     yield from rotating([f"max_phong:n={n}" for n in powers], MODERATE + GRAZING, 3)
+    yield from grid(["max_phong:n=0.1", "max_phong:n=0.5"], (0.9, 0.8))  # above 1
     yield from rotating([f"phong_original:n={n}" for n in powers], MODERATE + GRAZING, 8)
     yield from grid(["blinn:n=0"], (1.0, 0.3, 1e-6))
     yield from rotating([f"blinn:n={n}" for n in powers], MODERATE + GRAZING, 3)

@@ -1,0 +1,398 @@
+"""What is known in closed form, and a second copy of every formula in 40 digits.
+
+The closed forms are albedos that need no quadrature over the hemisphere. The oracles evaluate the
+BRDF of every model from raw directions with mpmath, straight from its definition in cosines and
+angles: nothing of the bookkeeping of half vectors that the package lives by is repeated here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
+from typing import Any
+
+import mpmath
+import numpy as np
+
+Number = Any  # an mpf of the context below
+
+# A context of its own: its precision is nobody else's.
+mp = mpmath.MPContext()
+mp.dps = 40
+
+
+# Closed forms ------------------------------------------------------------------------------------
+
+GGX_ALPHA_1_AVERAGE = 4.0 / 3.0 * (1.0 - math.log(2.0))
+"""Average albedo of GGX, alpha = 1, height-correlated Smith."""
+
+
+def ggx_alpha_1(mu: float) -> float:
+    """Albedo of GGX with alpha = 1 and height-correlated Smith: 1 - mu log((1 + mu)/mu)."""
+    return 1.0 - mu * (math.log1p(mu) - math.log(mu)) if mu > 0.0 else 1.0
+
+
+def ggx_normal_loss(alpha: float) -> float:
+    """1 - albedo at normal incidence of GGX with Smith, as a one-dimensional integral.
+
+    With u = tan^2 of the half vector's angle, D (n.h) dh = alpha^2/(alpha^2 + u)^2 du; V is at
+    twice the angle, tan^2 = 4 u/(1 - u)^2, and above the horizon for u < 1.
+    """
+    a2 = mp.mpf(alpha) ** 2
+
+    def lost(u: Number) -> Number:
+        root = mp.sqrt((1 - u) ** 2 + 4 * a2 * u)
+        return (root - 1 + u) / (root + 1 - u) * a2 / (a2 + u) ** 2
+
+    cuts = sorted({mp.zero, mp.one, 1 - mp.sqrt(a2)} | {a2 * 8**k for k in range(-2, 30)})
+    return float(mp.quad(lost, [c for c in cuts if 0 <= c <= 1]) + a2 / (1 + a2))
+
+
+def ward_bounded_normal(alpha: float) -> float:
+    """Albedo of the bounded Ward model at normal incidence: 1 - alpha^2 (1 - exp(-1/alpha^2))."""
+    return 1.0 + alpha * alpha * math.expm1(-1.0 / (alpha * alpha))
+
+
+def _cosine_power(n: Number, mu: Number) -> Number:
+    """The integral of cos(psi)^n from -pi/2 to pi/2 - theta, with mu = cos(theta)."""
+    half = mp.beta((n + 1) / 2, mp.mpf("0.5")) / 2
+    return half + mp.betainc(mp.mpf("0.5"), (n + 1) / 2, 0, mu * mu) / 2
+
+
+def phong(n: float, mu: float) -> float:
+    """Albedo of the reciprocal Phong model at any angle, clipped by the horizon.
+
+    With psi the angle from the mirror direction in the plane of incidence and b the angle out of
+    it, r.v = cos(b) cos(psi), n.v = cos(b) cos(psi + theta) and dV = cos(b) db dpsi: a product.
+    """
+    n, mu = mp.mpf(n), mp.mpf(mu)
+    across = mp.beta((n + 3) / 2, mp.mpf("0.5"))
+    along = mu * _cosine_power(n + 1, mu) + (1 - mu * mu) ** (n / 2 + 1) / (n + 1)
+    return float((n + 2) / (2 * mp.pi) * across * along)
+
+
+def phong_grazing(n: float) -> float:
+    """Albedo of the reciprocal Phong model at 90 degrees."""
+    n = mp.mpf(n)
+    return float((n + 2) / (2 * mp.pi) * mp.beta((n + 1) / 2, mp.mpf("1.5")))
+
+
+def phong_original(n: float, mu: float) -> float:
+    """Albedo of Phong's own model, light fixed."""
+    return phong(n, mu) * 2.0 * math.pi / ((n + 2.0) * mu)
+
+
+def phong_original_view(n: float, mu: float) -> float:
+    """Albedo of Phong's own model, view fixed: the cosine that is divided by is that of L."""
+    n, mu = mp.mpf(n), mp.mpf(mu)
+    return float(mp.beta((n + 2) / 2, mp.mpf("0.5")) * _cosine_power(n, mu))
+
+
+def max_phong_grazing(n: float) -> float:
+    """Albedo of Phong over the larger cosine at 90 degrees."""
+    return (n + 2.0) / (2.0 * (n + 1.0))
+
+
+def blinn_normal(n: float) -> float:
+    """The integral of (n.h)^n (n.v) over the hemisphere at normal incidence."""
+    return 8.0 * math.pi * (2.0 ** (-0.5 * n) + n) / ((n + 2.0) * (n + 4.0))
+
+
+def ashikhmin_shirley_diffuse(r_s: float, r_d: float, mu: float) -> float:
+    """Albedo of the diffuse term of Ashikhmin and Shirley."""
+    return r_d * (1.0 - r_s) * (1.0 - (1.0 - 0.5 * mu) ** 5)
+
+
+# Fresnel factors and the parts of microfacet models ------------------------------------------------
+
+
+def fresnel(index: complex, u: Number) -> Number:
+    """Unpolarised reflectance from a relative index n - ik, by complex arithmetic."""
+    n = mp.mpc(index)
+    u = mp.mpf(u)
+    inside = mp.sqrt(1 - (1 - u * u) / (n * n))
+    across = (u - n * inside) / (u + n * inside)
+    along = (n * u - inside) / (n * u + inside)
+    return (abs(across) ** 2 + abs(along) ** 2) / 2
+
+
+def _fresnel(p: Mapping[str, Any], u: Number) -> Number:
+    if p["fresnel"] == "schlick":
+        return mp.mpf(p["f0"]) + (1 - mp.mpf(p["f0"])) * (1 - u) ** 5
+    if p["fresnel"] == "dielectric":
+        return fresnel(complex(p["ior"], 0.0), u)
+    if p["fresnel"] == "conductor":
+        return fresnel(complex(p["ior"], -p["k"]), u)
+    return mp.one
+
+
+def beckmann_lambda(a: Number) -> Number:
+    """Smith's Lambda for Beckmann slopes, a = 1/(alpha tan(theta))."""
+    a = mp.mpf(a)
+    # The difference cancels to about a^2 of its terms.
+    with mp.workdps(40 + int(4 * mp.log10(1 + a)) + 2):
+        return (mp.exp(-a * a) / (a * mp.sqrt(mp.pi)) - mp.erfc(a)) / 2
+
+
+@lru_cache(maxsize=None)
+def gaussian_scale(m: float) -> Number:
+    """What makes the projected integral of exp(-delta^2/m^2) equal to 1."""
+    m = mp.mpf(m)
+    cuts = [c for c in (m * k for k in (0, 1, 2, 4, 8, 12)) if c < mp.pi / 2] + [
+        min(mp.pi / 2, 16 * m)
+    ]
+    whole = mp.quad(lambda t: mp.exp(-((t / m) ** 2)) * mp.sin(t) * mp.cos(t), cuts)
+    return 1 / (2 * mp.pi * whole)
+
+
+def distribution(name: str, width: tuple[float, float], h: Sequence[Number]) -> Number:
+    """D of a unit half vector; `width` holds the roughnesses or the exponents along x and y."""
+    a, b = mp.mpf(width[0]), mp.mpf(width[1])
+    x, y, z = h
+    if name == "ggx":
+        return 1 / (mp.pi * a * b * ((x / a) ** 2 + (y / b) ** 2 + z * z) ** 2)
+    if name == "beckmann":
+        return mp.exp(-((x / a) ** 2 + (y / b) ** 2) / (z * z)) / (mp.pi * a * b * z**4)
+    if name == "blinn_phong":
+        return (a + 2) / (2 * mp.pi) * z**a
+    if name == "gaussian":
+        return gaussian_scale(float(a)) * mp.exp(-((mp.acos(min(z, mp.one)) / a) ** 2))
+    t2 = x * x + y * y
+    n = (a * x * x + b * y * y) / t2 if t2 > 0 else a
+    return mp.sqrt((a + 2) * (b + 2)) / (2 * mp.pi) * z**n
+
+
+def smith_lambda(name: str, width: tuple[float, float], v: Sequence[Number]) -> Number:
+    """Lambda of a direction; distributions without one of their own borrow Beckmann's."""
+    a, b = mp.mpf(width[0]), mp.mpf(width[1])
+    if name in ("blinn_phong", "ashikhmin_shirley"):
+        a, b = mp.sqrt(2 / (a + 2)), mp.sqrt(2 / (b + 2))
+    t2 = ((a * v[0]) ** 2 + (b * v[1]) ** 2) / v[2] ** 2
+    if t2 == 0:
+        return mp.zero
+    return (mp.sqrt(1 + t2) - 1) / 2 if name == "ggx" else beckmann_lambda(1 / mp.sqrt(t2))
+
+
+# The models ----------------------------------------------------------------------------------------
+
+
+def _unit(v: Sequence[float]) -> tuple[Number, ...]:
+    v = [mp.mpf(float(x)) for x in v]
+    length = mp.sqrt(sum(x * x for x in v))
+    return tuple(x / length for x in v)
+
+
+def _dot(a: Sequence[Number], b: Sequence[Number]) -> Number:
+    return sum(x * y for x, y in zip(a, b, strict=True))
+
+
+def _half(light: Sequence[Number], view: Sequence[Number]) -> tuple[Number, ...]:
+    h = [a + b for a, b in zip(light, view, strict=True)]
+    length = mp.sqrt(_dot(h, h))
+    return tuple(x / length for x in h)
+
+
+def _cos_mirror(light: Sequence[Number], view: Sequence[Number]) -> Number:
+    return max(mp.zero, 2 * light[2] * view[2] - _dot(light, view))
+
+
+def _power(base: Number, n: Number) -> Number:
+    """base^n, with the limit n -> 0 in place of 0^0."""
+    return base ** mp.mpf(n) if base > 0 else mp.zero
+
+
+def _lambert(p: Mapping[str, Any], light: Any, view: Any) -> Number:
+    return mp.mpf(p["rho"]) / mp.pi
+
+
+def _phong(p: Mapping[str, Any], light: Any, view: Any) -> Number:
+    n = mp.mpf(p["n"])
+    return mp.mpf(p["rho_s"]) * (n + 2) / (2 * mp.pi) * _power(_cos_mirror(light, view), n)
+
+
+def _phong_original(p: Mapping[str, Any], light: Any, view: Any) -> Number:
+    return mp.mpf(p["rho_s"]) * _power(_cos_mirror(light, view), p["n"]) / light[2]
+
+
+def _max_phong(p: Mapping[str, Any], light: Any, view: Any) -> Number:
+    n = mp.mpf(p["n"])
+    c = mp.mpf(p["rho_s"]) * (n + (2 if p["c"] == "paper" else 1)) / (2 * mp.pi)
+    retro = p["variant"] == "retro"
+    cosine = max(mp.zero, _dot(light, view)) if retro else _cos_mirror(light, view)
+    return c * _power(cosine, n) / max(light[2], view[2]) ** mp.mpf(p["p"])
+
+
+def _max_phong_anisotropic(p: Mapping[str, Any], light: Any, view: Any) -> Number:
+    a, b = mp.mpf(p["n_u"]), mp.mpf(p["n_v"])
+    x, y = light[0] + view[0], light[1] + view[1]
+    n = (a * x * x + b * y * y) / (x * x + y * y) if (x, y) != (0, 0) else a
+    c = mp.sqrt((a + 2) * (b + 2)) / (2 * mp.pi)
+    return c * _power(_cos_mirror(light, view), n) / max(light[2], view[2])
+
+
+def _blinn(p: Mapping[str, Any], light: Any, view: Any) -> Number:
+    n = mp.mpf(p["n"])
+    exact = (n + 2) * (n + 4) / (8 * mp.pi * (mp.mpf(2) ** (-n / 2) + n))
+    c = exact if p["normalization"] == "exact" else (n + 8) / (8 * mp.pi)
+    return mp.mpf(p["rho_s"]) * c * _half(light, view)[2] ** n
+
+
+def _blinn_original(p: Mapping[str, Any], light: Any, view: Any) -> Number:
+    return mp.mpf(p["rho_s"]) * _half(light, view)[2] ** mp.mpf(p["n"]) / light[2]
+
+
+def _ward_exponent(p: Mapping[str, Any], h: Sequence[Number]) -> Number:
+    return (h[0] / mp.mpf(p["alpha_x"])) ** 2 + (h[1] / mp.mpf(p["alpha_y"])) ** 2
+
+
+def _ward_scale(p: Mapping[str, Any]) -> Number:
+    return mp.mpf(p["rho_s"]) / (4 * mp.pi * mp.mpf(p["alpha_x"]) * mp.mpf(p["alpha_y"]))
+
+
+def _ward(p: Mapping[str, Any], light: Any, view: Any) -> Number:
+    h = _half(light, view)
+    steep = h[2] ** 2 if p["form"] == "exact" else (1 + h[2]) / 2
+    e = mp.exp(-_ward_exponent(p, h) / steep)
+    return _ward_scale(p) * e / mp.sqrt(light[2] * view[2])
+
+
+def _ward_duer(p: Mapping[str, Any], light: Any, view: Any) -> Number:
+    h = _half(light, view)
+    return _ward_scale(p) * mp.exp(-_ward_exponent(p, h) / h[2] ** 2) / (light[2] * view[2])
+
+
+def _ward_bounded(p: Mapping[str, Any], light: Any, view: Any) -> Number:
+    h = _half(light, view)
+    v_dot_h = _dot(view, h)
+    e = mp.exp(-_ward_exponent(p, h) / h[2] ** 2)
+    return _ward_scale(p) * e / (v_dot_h**2 * h[2] ** 4)
+
+
+def _ashikhmin_shirley(p: Mapping[str, Any], light: Any, view: Any) -> Number:
+    a, b, r_s, r_d = (mp.mpf(p[k]) for k in ("n_u", "n_v", "r_s", "r_d"))
+    total = mp.zero
+    if p["specular"] == "paper":
+        h = _half(light, view)
+        u = _dot(view, h)
+        t2 = h[0] ** 2 + h[1] ** 2
+        n = (a * h[0] ** 2 + b * h[1] ** 2) / t2 if t2 > 0 else a
+        total += (
+            mp.sqrt((a + 1) * (b + 1)) / (8 * mp.pi) * h[2] ** n / (u * max(light[2], view[2]))
+        ) * (r_s + (1 - r_s) * (1 - u) ** 5)
+    if p["diffuse"] == "lambert":
+        total += r_d / mp.pi
+    elif p["diffuse"] == "paper":
+        both = (1 - (1 - light[2] / 2) ** 5) * (1 - (1 - view[2] / 2) ** 5)
+        total += 28 * r_d / (23 * mp.pi) * (1 - r_s) * both
+    return total
+
+
+def _cook_torrance(p: Mapping[str, Any], light: Any, view: Any) -> Number:
+    name = p["distribution"]
+    width = (p["alpha_x"], p["alpha_y"]) if "alpha_x" in p else (p["n_u"], p["n_v"])
+    h = _half(light, view)
+    u = _dot(view, h)
+    g = mp.one
+    if p["geometry"] == "v_cavity":
+        g = min(g, 2 * h[2] * light[2] / u, 2 * h[2] * view[2] / u)
+    elif p["geometry"] != "none":
+        a, b = smith_lambda(name, width, light), smith_lambda(name, width, view)
+        g = 1 / (1 + a + b) if p["geometry"] == "smith_correlated" else 1 / ((1 + a) * (1 + b))
+    # 1982: F/pi, with a distribution that lacks 1/pi.
+    quarter = mp.one if p["prefactor"] == "1/pi" else mp.mpf("0.25")
+    return _fresnel(p, u) * distribution(name, width, h) * g * quarter / (light[2] * view[2])
+
+
+def poisson_sum(g: Number, c: Number) -> Number:
+    """Sum over m >= 1 of g^m e^-g/(m! m) exp(-c/m).
+
+    Above g = 500 as an integral over m, which the sum of so wide a bell equals to 40 digits.
+    """
+    g, c = mp.mpf(g), mp.mpf(c)
+    if g == 0:
+        return mp.zero
+    if g <= 500:
+        total, weight, m = mp.zero, mp.exp(-g), 0
+        while True:
+            m += 1
+            weight *= g / m
+            term = weight / m * mp.exp(-c / m)
+            total += term
+            # Terms grow up to about g, and beyond it while exp(-c/m) does.
+            if m > g and m * mp.log(m / g) > c / m and term <= total * mp.mpf(10) ** -40:
+                return total
+    with mp.workdps(60):
+
+        def height(m: Number) -> Number:
+            return m * mp.log(g) - g - mp.loggamma(m + 1) - c / m - mp.log(m)
+
+        top = mp.findroot(lambda m: m * m * mp.log(m / g) - c, g + c / g)
+        wide = 1 / mp.sqrt(1 / top + 2 * c / top**3)
+        peak = height(top)
+        cuts = [top + k * wide for k in range(-16, 19, 2)]
+        bell = mp.quad(lambda m: mp.exp(height(m) - peak), [m for m in cuts if m > 0])
+        return bell * mp.exp(peak)
+
+
+def _he_torrance(p: Mapping[str, Any], light: Any, view: Any) -> Number:
+    total = mp.mpf(p["a_ud"]) / mp.pi
+    if p["directional_diffuse"] == "off":
+        return total
+    sigma0, tau, wavelength = (mp.mpf(p[k]) for k in ("sigma0", "tau", "wavelength"))
+    k = 2 * mp.pi / wavelength
+
+    def seen(v: Sequence[Number]) -> tuple[Number, Number]:
+        """S1 and K of a direction."""
+        tangent = mp.sqrt(v[0] ** 2 + v[1] ** 2) / v[2]
+        if tangent == 0:
+            return mp.one, mp.zero
+        a = tau / (2 * sigma0 * tangent)
+        return (1 - mp.erfc(a) / 2) / (1 + beckmann_lambda(a)), tangent * mp.erfc(a)
+
+    s_l, k_l = seen(light)
+    s_v, k_v = seen(view)
+    # sqrt(pi/2) z0 = (sigma0/4)(K_L + K_V) exp(-z0^2/(2 sigma0^2)), solved for z0/sigma0.
+    slope = (k_l + k_v) / (4 * mp.sqrt(mp.pi / 2))
+    z0 = mp.sqrt(mp.lambertw(slope * slope).real)
+    sigma = sigma0 / mp.sqrt(1 + z0 * z0)
+    g = (k * sigma * (light[2] + view[2])) ** 2
+    lateral = k * k * ((light[0] + view[0]) ** 2 + (light[1] + view[1]) ** 2)
+    d = (mp.pi * tau / (2 * wavelength)) ** 2 * poisson_sum(g, lateral * tau * tau / 4)
+    h = _half(light, view)
+    u = _dot(view, h)
+    geometry = (2 * u / h[2]) ** 2
+    return total + _fresnel(p, u) * geometry * s_l * s_v * d / (mp.pi * light[2] * view[2])
+
+
+ORACLES: dict[str, Callable[[Mapping[str, Any], Any, Any], Number]] = {
+    "ashikhmin_shirley": _ashikhmin_shirley,
+    "blinn": _blinn,
+    "blinn_original": _blinn_original,
+    "cook_torrance": _cook_torrance,
+    "he_torrance": _he_torrance,
+    "lambert": _lambert,
+    "max_phong": _max_phong,
+    "max_phong_anisotropic": _max_phong_anisotropic,
+    "phong": _phong,
+    "phong_original": _phong_original,
+    "ward": _ward,
+    "ward_bounded": _ward_bounded,
+    "ward_duer": _ward_duer,
+}
+
+
+def brdf(model: Any, wi: Sequence[float], wo: Sequence[float]) -> Number:
+    """The finite part of a model for raw directions, whose lengths are made 1 exactly."""
+    return ORACLES[model.name](model.parameters, _unit(wi), _unit(wo))
+
+
+def brdf_with_slack(model: Any, wi: np.ndarray, wo: np.ndarray) -> tuple[float, float]:
+    """A value, and how far it moves when every coordinate of the directions moves by an ulp."""
+    value = brdf(model, wi, wo)
+    slack = mp.zero
+    for k in range(6):
+        pair = np.concatenate((wi, wo))
+        pair[k] += np.spacing(max(abs(pair[k]), 1e-300))
+        slack += abs(brdf(model, pair[:3], pair[3:]) - value)
+    return float(value), float(slack)
