@@ -217,9 +217,9 @@ class HeTorrance(Model):
         if self.directional_diffuse == "on":
             optical = (2.0 * math.pi * self.sigma0 / self.wavelength) ** 2
             if optical > 1.0:
-                chart, width = PolarChart("slope", edge=4), 2.0 * self.sigma0 / self.tau
+                chart, width = PolarChart("slope", edge=2), 2.0 * self.sigma0 / self.tau
             else:
-                chart = PolarChart("mirror_hemisphere", edge=4)
+                chart = PolarChart("mirror_hemisphere", edge=2)
                 width = self.wavelength / (2.0 * math.pi * self.tau)
             parts.append(Part("directional_diffuse", fill, chart, (width, width)))
         if self.a_ud > 0.0:

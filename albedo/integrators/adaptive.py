@@ -29,6 +29,7 @@ _BLOCK = 16384
 # Each number that a chart or a kernel hands on carries a few roundings.
 _ROUNDINGS = 40.0
 _ROUNDS = 60
+_UNSELECTED = 2
 _GROWTH = 0.65
 
 
@@ -127,10 +128,13 @@ def integrate(
     geometry, row, code, box = chart.panels(cos_theta, phi, widths, isotropic)
     per_row = np.bincount(row, minlength=n)
     start = 10 if rtol >= 1e-6 else 12 if rtol >= 1e-10 else 16
+    doubt = np.ones(n)
     fits = [p for p in LADDER if p <= start and per_row.max() * (p * p + 8) <= limit]
     if not fits or fits[-1] < 4:
         geometry, row, code, box = chart.panels(cos_theta, phi, widths, isotropic, coarse=True)
         per_row = np.bincount(row, minlength=n)
+        # Kinks and layers inside the panels slow the fall that the bound extrapolates.
+        doubt = np.full(n, 4.0)
         fits = [p for p in LADDER if p <= start and per_row.max() * (p * p + 2) <= limit]
     order = fits[-1] if fits else 2
     m = row.size
@@ -143,8 +147,8 @@ def integrate(
     )
     spent = np.bincount(row, weights=first.prod(1), minlength=n).astype(int)
     _evaluate(chart, integrand, geometry, cells)
-    doubt = np.ones(n)
     active = np.ones(n, dtype=bool)
+    rounds = np.zeros(n, dtype=int)
     for _ in range(_ROUNDS):
         value, error, size, leaves = _sums(cells, n)
         rounding = _ROUNDINGS * _EPS * size
@@ -170,6 +174,7 @@ def integrate(
         if work.parent.size == 0:
             break
         children = work.children(cells)
+        rounds += np.bincount(children.row, minlength=n) > 0
         spent += np.bincount(children.row, weights=children.order.prod(1), minlength=n).astype(int)
         _evaluate(chart, integrand, geometry, children)
         doubt = _audit(cells, children, work, doubt)
@@ -186,7 +191,8 @@ def integrate(
     rounding = _ROUNDINGS * _EPS * size + 4.0 * shift
     stopped = doubt * error + rounding <= np.maximum(atol, rtol * np.abs(value))
     tight = np.bincount(cells.row, weights=cells.tight, minlength=n)
-    error = doubt * np.where(stopped, error, tight) + rounding
+    # Refining where the bound is large selects as well: after a few rounds only the wide one holds.
+    error = doubt * np.where(stopped | (rounds > _UNSELECTED), error, tight) + rounding
     finite = np.isfinite(value) & np.isfinite(error)
     value, error = np.where(finite, value, np.nan), np.where(finite, error, np.inf)
     converged = finite & stopped

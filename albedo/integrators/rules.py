@@ -24,11 +24,11 @@ LADDER = (2, 3, 4, 5, 6, 8, 10, 12, 14, 16, 20, 24, 28, 32)
 # A bound is safety * tail * exp(-fall over the next octave). Stopping as soon as a bound is small
 # selects the spectra that happen to look good, so the bound that stops a refinement is the wider
 # one; a result that no bound has selected (the budget ran out) reports the other.
-# Columns: safety, coefficients in the tail window, straightness, share of the rate that is trusted.
-_STOPPING = (30.0, 4, 0.9, 0.6)
-_REPORTED = (10.0, 3, 0.8, 0.85)
+# Columns: safety, coefficients in the tail window, straightness, share of the rate that is trusted,
+# and the most e-folds that are claimed beyond the last coefficients.
+_STOPPING = (30.0, 4, 0.9, 0.6, 9.0)
+_REPORTED = (8.0, 3, 0.8, 1.0, 20.0)
 _SHALLOW, _STEEP = 1.0, 1.5
-_FARTHEST = 9.0
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def _largest(a, first, last):
 
 
 @kernel
-def _extrapolate(a, safety, wide, straight, reach):
+def _extrapolate(a, safety, wide, straight, reach, farthest):
     """Bound on the aliases of index 2p and more."""
     p = a.size
     window = wide if p > 8 else 3
@@ -116,7 +116,7 @@ def _extrapolate(a, safety, wide, straight, reach):
     if local > straight * rate:
         octave = reach * p * local
     # Never claim more digits beyond the last coefficients than this.
-    octave = min(octave, _FARTHEST)
+    octave = min(octave, farthest)
     return safety * tail * math.exp(-octave)
 
 
