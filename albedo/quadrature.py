@@ -253,7 +253,8 @@ def _rows(
         error += spike.error
     if complement:
         value = np.where(direct, value, 1.0 - value)
-        error = error + np.where(direct, 0.0, np.finfo(float).eps * np.abs(value))
+        # What a lobe sends beyond its cut is below 1e-290 of what it is.
+        error = error + np.where(direct, 1e-290, np.finfo(float).eps * np.abs(value))
     # Parts may converge one by one and the sum may still be fine, or not: the sum decides.
     converged = error <= np.maximum(options["atol"], options["rtol"] * np.abs(value))
     width = models[0].resolved_width if models else None

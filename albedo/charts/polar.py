@@ -220,14 +220,26 @@ def _breaks(big_t, width, kind, kinks, decay, full, b):
     if full:
         n += 1
         b[n] = math.tan(0.5 * min(0.5 * math.pi, g))
-    # exp(-42.25) = 4.5e-19 of the peak is where a lobe is cut.
+    place = 0
+    if full and kinks == 2 and 0.0 < big_t <= 1.0:
+        # What L masks goes on beyond the curve where V's masking has taken over.
+        line = math.tan(0.5 * math.atan2(1.0, big_t))
+        j = n
+        while b[j] > line:
+            b[j + 1] = b[j]
+            j -= 1
+        b[j + 1] = line
+        n += 1
+        place = j + 1
+    # A lobe is cut at 4.5e-19 of its peak; what is lost by it matters down to 1e-293.
+    reach = 676.0 if full else 42.25
     r = math.inf
     if decay == 1:
-        r = 6.5 * width
+        r = math.sqrt(reach) * width
     elif decay == 2 and kind == 0 and width < 0.1:
-        r = math.sqrt(math.expm1(42.25 * width * width))
+        r = math.sqrt(math.expm1(reach * width * width))
     elif decay == 2 and kind != 0 and width < 0.05:
-        r = math.sqrt(math.tanh(42.25 * width * width))
+        r = math.sqrt(math.tanh(reach * width * width))
     cut = r / (1.0 + math.sqrt(1.0 + r * r)) if r < math.inf else 2.0
     moved = 0
     for j in range(1, n + 1):
@@ -244,7 +256,7 @@ def _breaks(big_t, width, kind, kinks, decay, full, b):
         b[j + 1] = core
         n += 1
         moved = j + 1
-    return n, moved
+    return n, moved + 256 * place
 
 
 @kernel
@@ -286,9 +298,9 @@ def _panels(geometry, quadrants, coarse, kind, kinks, decay, full):
     code = np.empty((room, 5), np.int64)
     box = np.empty((room, 4), np.float64)
     cuts = np.empty(160)
-    b = np.empty(8)
-    size = np.empty(8)
-    span = np.empty(8)
+    b = np.empty(12)
+    size = np.empty(12)
+    span = np.empty(12)
     count = 0
     for i in range(rows):
         g = geometry[i]
@@ -352,7 +364,7 @@ def _panels(geometry, quadrants, coarse, kind, kinks, decay, full):
                     big_t = s / c * cos_psi
                     inner, pattern = _breaks(big_t, width, kind, kinks, decay, full, b)
                     scale = _scale(width, decay)
-                    graded = not coarse and (layered or (decay == 0 and pattern > 0 and not full))
+                    graded = not coarse and (layered or (decay == 0 and pattern % 256 > 0 and not full))
                     if graded:
                         _split_edge(b, inner)
                         inner += 1
@@ -392,7 +404,7 @@ def _panels(geometry, quadrants, coarse, kind, kinks, decay, full):
 @kernel
 def _nodes(geometry, code, box, u, v, kind, kinks, decay, full, edge, origin, wi, wo, h, weight):
     """Directions, half vectors and Jacobians; one row per panel."""
-    b = np.empty(8)
+    b = np.empty(12)
     for k in range(box.shape[0]):
         g = geometry[k]
         c, s, cos_phi, sin_phi = g[0], g[1], g[2], g[3]

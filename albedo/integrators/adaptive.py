@@ -29,7 +29,7 @@ _BLOCK = 16384
 # Each number that a chart or a kernel hands on carries a few roundings.
 _ROUNDINGS = 40.0
 _ROUNDS = 60
-_UNSELECTED = 2
+_UNSELECTED = 1
 _GROWTH = 0.65
 
 
