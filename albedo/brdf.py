@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
@@ -185,7 +186,7 @@ class Model:
         own = {k: v for k, v in vars(cls).items() if isinstance(v, Parameter)}
         cls._declared = {**cls._declared, **own}
 
-    def __init__(self, **values: Any) -> None:
+    def __init__(self, /, **values: Any) -> None:
         values_in = dict(values)
         names = list(self._declared)
         for key in values_in:
@@ -210,7 +211,8 @@ class Model:
                 raise InputError(
                     f"{self.name} does not use {key} with these choices; it uses {', '.join(used)}"
                 )
-        object.__setattr__(self, "parameters", {k: stored[k] for k in stored if k in used})
+        frozen = MappingProxyType({k: stored[k] for k in stored if k in used})
+        object.__setattr__(self, "parameters", frozen)
 
     def __setattr__(self, key: str, value: Any) -> None:
         raise AttributeError(f"{self.name} is frozen; use .replace({key}=...) for a changed copy")

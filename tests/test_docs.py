@@ -7,6 +7,7 @@ have a point in common, so that a page need not follow every digit of the bounds
 from __future__ import annotations
 
 import doctest
+import hashlib
 import json
 import math
 import re
@@ -15,6 +16,7 @@ import shutil
 import subprocess
 import sys
 import types
+from collections.abc import Iterator
 from decimal import Decimal
 from pathlib import Path
 
@@ -30,7 +32,6 @@ from albedo.studies import StudyFile, run_study
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-METHOD = (ROOT / "docs" / "method.md").read_text(encoding="utf-8")
 
 _NUMBER = re.compile(r"(-?\d+(?:\.\d+)?)\((\d+)\)(?:e([+-]?\d+))?")
 
@@ -78,7 +79,7 @@ class Intervals(doctest.OutputChecker):
         return same_text and all(agree(a, b) for a, b in pairs)
 
 
-@pytest.mark.parametrize("text", [README, CONTRIBUTING, METHOD], ids=["readme", "contrib", "method"])
+@pytest.mark.parametrize("text", [README, CONTRIBUTING], ids=["readme", "contributing"])
 def test_python_snippets_print_what_is_shown(text: str) -> None:
     source = "\n".join(block for block in blocks(text, "python") if block.startswith(">>> "))
     test = doctest.DocTestParser().get_doctest(source, {}, "snippets", None, 0)
@@ -104,7 +105,7 @@ def test_commands_work_as_shown(
         assert (tmp_path / arguments[arguments.index("-o") + 1]).stat().st_size > 0
 
 
-FINDINGS = [part for part in README.partition("## What was found")[2].split("\n### ")[1:]]
+FINDINGS = README.partition("## What was found")[2].split("\n### ")[1:]
 
 
 @pytest.mark.parametrize("finding", FINDINGS, ids=lambda text: text.partition("\n")[0])
@@ -124,8 +125,6 @@ def test_findings_are_measured_again(finding: str) -> None:
 
 
 def test_committed_results_are_what_their_manifest_says() -> None:
-    import hashlib
-
     for path in (ROOT / "reports" / "full").glob("*/manifest.json"):
         manifest = json.loads(path.read_text(encoding="utf-8"))
         assert manifest["fidelity"] == "full"
@@ -133,7 +132,7 @@ def test_committed_results_are_what_their_manifest_says() -> None:
             assert hashlib.sha256((path.parent / name).read_bytes()).hexdigest() == digest, name
 
 
-@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", "docs/method.md", "reports/README.md"])
+@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", "reports/README.md"])
 def test_links_between_files_lead_somewhere(page: str) -> None:
     text = (ROOT / page).read_text(encoding="utf-8")
     targets = [target for target in re.findall(r"\]\(([^)\s]+)\)", text) if "://" not in target]
@@ -170,7 +169,7 @@ ENTRY = example("@article{seeliger1887")
 
 
 @pytest.fixture
-def lommel_seeliger(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> types.ModuleType:
+def lommel_seeliger(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[types.ModuleType]:
     """The catalogue with the model of CONTRIBUTING.md in it."""
     folder = tmp_path / "catalogue"
     folder.mkdir()
@@ -230,9 +229,9 @@ def test_the_steps_of_the_guide_pass_the_tests(tmp_path: Path) -> None:
     with (tmp_path / "tests/exact.py").open("a", encoding="utf-8") as file:
         file.write(f'\n\n{ORACLE}\n\nORACLES["lommel_seeliger"] = _lommel_seeliger\n')
     tests = ["tests/test_models.py", "tests/test_references.py"]
+    chosen = ["-k", "lommel_seeliger or references"]
     run = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *tests]
-        + ["-k", "lommel_seeliger or references"],
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *tests, *chosen],
         cwd=tmp_path,
         capture_output=True,
         text=True,

@@ -45,7 +45,7 @@ def model_class(name: str) -> type[Model]:
     return found[0]
 
 
-def model(name: str, **parameters: Any) -> Model:
+def model(name: str, /, **parameters: Any) -> Model:
     """The model called `name`, with its parameters fixed.
 
     Parameters

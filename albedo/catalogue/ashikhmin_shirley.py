@@ -62,7 +62,7 @@ class AshikhminShirley(Model):
 
     @property
     def isotropic(self) -> bool:
-        return self.n_u == self.n_v
+        return self.n_u == self.n_v or self.specular == "none"
 
     @property
     def conserves_energy(self) -> bool:  # type: ignore[override]

@@ -129,7 +129,7 @@ class CookTorrance(Model):
             "prefactor",
         )
 
-    def __init__(self, **values: Any) -> None:
+    def __init__(self, /, **values: Any) -> None:
         super().__init__(**values)
         ax, ay = self._sharpness
         if ax != ay and self.distribution in ("gaussian", "blinn_phong"):
@@ -166,14 +166,12 @@ class CookTorrance(Model):
 
     def pack(self) -> tuple[float, ...]:
         ax, ay = self._sharpness
-        scale = {
-            "beckmann": 1.0 / (math.pi * ax * ay),
-            "ggx": 1.0 / (math.pi * ax * ay),
-            "blinn_phong": (ax + 2.0) / (2.0 * math.pi),
-            "ashikhmin_shirley": math.sqrt((ax + 2.0) * (ay + 2.0)) / (2.0 * math.pi),
-        }.get(self.distribution)
-        if scale is None:
+        if self.distribution == "gaussian":
             scale = gaussian_scale(ax)
+        elif self.distribution in _WIDTHS:
+            scale = 1.0 / (math.pi * ax * ay)
+        else:
+            scale = math.sqrt((ax + 2.0) * (ay + 2.0)) / (2.0 * math.pi)
         fresnel_a = self.f0 if self.fresnel == "schlick" else 0.0
         fresnel_a = self.ior if self.fresnel in ("dielectric", "conductor") else fresnel_a
         widths = self.distribution in _WIDTHS

@@ -32,7 +32,8 @@ def fill(wi, wo, h, p, out):
 class MaxPhong(Model):
     """f = c (r.v)^n / max(n.l, n.v)^p (NNS eq. 22; Neumann et al. 1999).
 
-    With ``c="paper"`` c = rho_s (n + 2)/(2 pi): the albedo is 1 at normal incidence for p = 1.
+    With ``c="paper"`` c = rho_s (n + 2)/(2 pi): the albedo is 1 at normal incidence for p = 1,
+    and exceeds 1 at small angles for n < 2.
     With ``c="safe"`` c = rho_s (n + 1)/(2 pi), which never exceeds 1. The exponent p is the
     stretch of "stretched Phong": 0 gives the reciprocal Phong model, 1 the paper's. The retro
     variant reflects towards the light; its albedo is the same.
@@ -51,8 +52,8 @@ class MaxPhong(Model):
 
     @property
     def conserves_energy(self) -> bool:  # type: ignore[override]
-        """The paper's constant is too large by a little for every n; see the docstring."""
-        return self.c == "safe" or self.p == 0.0
+        """The paper's constant sends more than it receives at small angles when n < 2."""
+        return self.c == "safe" or self.p == 0.0 or self.n >= 2.0
 
     def pack(self) -> tuple[float, ...]:
         constant = self.rho_s * (self.n + (2.0 if self.c == "paper" else 1.0)) / (2.0 * math.pi)

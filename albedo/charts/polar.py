@@ -187,7 +187,8 @@ def _azimuth(g, quadrant, u):
     side = 1.0 if quadrant < 2 else -1.0
     x = side * wx * (ca * cos_d + turn * sa * sin_d)
     y = side * wy * (sa * cos_d - turn * ca * sin_d)
-    width = math.hypot(x, y)
+    # Exactly constant for an isotropic lobe, so that no comparison with it can waver.
+    width = wx if wx == wy else math.hypot(x, y)
     front = 1.0 if quadrant % 2 == 0 else -1.0
     cos_psi = front * slant * sin_d / width
     sin_psi = (y * cp - x * sp) / width
@@ -330,7 +331,7 @@ def _panels(geometry, quadrants, coarse, kind, kinks, decay, full):
                 for k in range(known - 1):
                     low = cuts[k] + 1e-9 * (cuts[k + 1] - cuts[k])
                     before = _pattern(g, quadrant, low, kind, kinks, decay, full, b)
-                    probes = 8 if quadrants == 2 else 24
+                    probes = 8 if quadrants == 2 else 96
                     for probe in range(1, probes + 1):
                         high = cuts[k] + (probe / probes - 1e-9) * (cuts[k + 1] - cuts[k])
                         after = _pattern(g, quadrant, high, kind, kinks, decay, full, b)
@@ -359,8 +360,11 @@ def _panels(geometry, quadrants, coarse, kind, kinks, decay, full):
                 size[:] = 0.0
                 span[:] = 0.0
                 inner, pattern = 0, -1
-                for f in (0.02, 0.5, 0.98):
-                    cos_psi, _, width, _ = _azimuth(g, quadrant, u0 + f * (u1 - u0))
+                samples = 3 if quadrants == 2 else 17
+                for f in range(samples):
+                    # From one end to the other, and from 0.02 to 0.98 of the panel.
+                    u = u0 + (0.02 + 0.96 * f / (samples - 1)) * (u1 - u0)
+                    cos_psi, _, width, _ = _azimuth(g, quadrant, u)
                     big_t = s / c * cos_psi
                     inner, pattern = _breaks(big_t, width, kind, kinks, decay, full, b)
                     scale = _scale(width, decay)
@@ -378,6 +382,9 @@ def _panels(geometry, quadrants, coarse, kind, kinks, decay, full):
                     inner = 1
                     size[0] = 1.0
                     span[0] = 0.0
+                pruned = False
+                for j in range(inner):
+                    pruned = pruned or size[j] <= 0.0
                 for j in range(inner):
                     if size[j] <= 0.0:
                         continue
@@ -392,7 +399,9 @@ def _panels(geometry, quadrants, coarse, kind, kinks, decay, full):
                         code[count, 1] = j
                         code[count, 2] = -inner if graded else inner
                         code[count, 3] = 2 if quadrants == 2 else 1
-                        code[count, 4] = -1 if coarse else pattern
+                        # A cut that moves unnoticed costs smoothness, but no energy.
+                        whole = coarse or (decay != 0 and not pruned)
+                        code[count, 4] = -1 if whole else pattern
                         box[count, 0] = u0
                         box[count, 1] = u1
                         box[count, 2] = piece / pieces
