@@ -38,7 +38,8 @@ def conductor(n, k, u):
     s2 = (1.0 - u) * (1.0 + u)
     t0 = n * n - k * k - s2
     q = math.sqrt(t0 * t0 + 4.0 * n * n * k * k)
-    a = math.sqrt(max(0.5 * (q + t0), 0.0))
+    # (q + t0)/2 without cancellation: q^2 - t0^2 = 4 n^2 k^2.
+    a = math.sqrt(0.5 * (q + t0)) if t0 > 0.0 else n * k * math.sqrt(2.0 / (q - t0))
     r_s = (q + u * u - 2.0 * a * u) / (q + u * u + 2.0 * a * u)
     r_p = r_s * (u * u * q + s2 * s2 - 2.0 * a * u * s2) / (u * u * q + s2 * s2 + 2.0 * a * u * s2)
     return 0.5 * (r_s + r_p)

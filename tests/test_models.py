@@ -81,8 +81,10 @@ def asymmetry(model: Model, cos_theta: float, phi: float) -> float:
 def test_reciprocity_is_as_claimed(model: Model) -> None:
     found = max(asymmetry(model, c, 0.4) for c in (0.95, 0.4, 0.05, 1e-4))
     if model.reciprocal:
-        # Exponents down to log(1e-10) = -23 amplify the roundings of slopes, about ten of them.
-        assert found <= 40 * 23 * EPS
+        # Exponents down to log(1e-10) = -23 amplify the roundings of slopes, about ten of them;
+        # a low power of r.v is as uncertain as r.v itself, down to 1e-6 at these nodes.
+        low = min(model.parameters.get("n_u", 99.0), model.parameters.get("n_v", 99.0)) < 1.0
+        assert found <= (1e6 if low else 40 * 23) * EPS
 
 
 def test_models_that_claim_not_to_be_reciprocal_are_not() -> None:
@@ -197,8 +199,10 @@ def dependence(model: Model, cos_theta: float) -> float:
 def test_isotropy_is_as_claimed(model: Model) -> None:
     found = max(dependence(model, c) for c in (0.9, 0.3))
     if model.isotropic:
-        # A turn rounds every slope a few times, and exponents down to -23 amplify that.
-        assert found <= 40 * 23 * EPS
+        # A turn rounds every slope a few times, and exponents down to -23 amplify that; l - v of a
+        # retro-reflector is a difference of raw directions, as uncertain as EPS over its width.
+        retro = math.sqrt(model.parameters["n"]) if "retro" in model.parameters.values() else 1.0
+        assert found <= 40 * 23 * EPS * max(1.0, retro)
     else:
         assert found > 1e-3
 
@@ -295,9 +299,9 @@ def test_eval_agrees_with_its_oracle(model: Model, rng: np.random.Generator) -> 
         values = model.eval(wi, wo)
         for k in range(count):
             value, slack = exact.brdf_with_slack(model, wi[k], wo[k])
-            # What an ulp of the coordinates does, eight times over for the steps from them to the
-            # slopes; a few dozen roundings behind; and what underflows.
-            assert abs(values[k] - value) <= 8 * slack + 100 * EPS * value + 1e-290
+            # What an ulp of the coordinates does, forty times over for the steps from them to the
+            # slopes; some dozen roundings in exponents of about 40; and what underflows.
+            assert abs(values[k] - value) <= 40 * slack + 250 * EPS * value + 1e-290
 
 
 @everywhere

@@ -13,6 +13,13 @@ from albedo.geometry import normal_power, v_dot_h
 
 
 @kernel
+def coupling(cosine):
+    """1 - (1 - cosine/2)^5, expanded so that nothing cancels at grazing angles."""
+    x = 0.5 * cosine
+    return x * (5.0 + x * (-10.0 + x * (10.0 + x * (-5.0 + x))))
+
+
+@kernel
 def fill_specular(wi, wo, h, p, out):
     """f_s = sqrt((n_u+1)(n_v+1))/(8 pi) (n.h)^(n_u cos^2 + n_v sin^2) F(v.h)/(v.h max(n.l, n.v))."""
     for j in range(out.shape[0]):
@@ -32,12 +39,12 @@ def fill_diffuse(wi, wo, h, p, out):
     """f_d = 28 r_d/(23 pi) (1 - r_s) (1 - (1 - n.l/2)^5)(1 - (1 - n.v/2)^5), or r_d/pi."""
     for j in range(out.shape[0]):
         scale, lambert = p[j, 4], p[j, 5]
-        light = 1.0 - (1.0 - 0.5 * wi[2, j]) ** 5
+        light = coupling(wi[2, j])
         for i in range(out.shape[1]):
             if lambert > 0.0:
                 out[j, i] = scale
             else:
-                out[j, i] = scale * light * (1.0 - (1.0 - 0.5 * wo[2, j, i]) ** 5)
+                out[j, i] = scale * light * coupling(wo[2, j, i])
 
 
 class AshikhminShirley(Model):

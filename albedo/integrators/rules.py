@@ -134,4 +134,7 @@ def _bound(coefficients, bound):
             bound[i, 1] = total
             continue
         bound[i, 0] = _extrapolate(a, *_STOPPING)
-        bound[i, 1] = min(_extrapolate(a, *_REPORTED), bound[i, 0])
+        bound[i, 1] = bound[i, 0]
+        if p >= 8:
+            # Six coefficients cannot tell a root at the end from a smooth integrand.
+            bound[i, 1] = min(_extrapolate(a, *_REPORTED), bound[i, 0])

@@ -1786,6 +1786,10 @@ def main(argv: list[str] | None = None) -> int:
                 continue
             writer.writerow((*key(row), golden.value, golden.digits))
             stream.flush()
+    place = {key(row): i for i, row in enumerate(table())}
+    rows = read_rows(args.out)
+    rows.sort(key=lambda r: place.get((r["model"], r["cos_theta"], r["phi"]), len(place)))
+    write_rows(args.out, rows)  # in the order of the table
     print(f"{time.perf_counter() - begin:.0f} s, {weak} rows left out")
     return 1 if weak else 0
 
