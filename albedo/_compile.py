@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Callable
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,7 @@ def cache_root() -> Path:
     return Path(base) / "albedo"
 
 
-@lru_cache(maxsize=None)
+@cache
 def digest(*folders: Path) -> str:
     """Hexadecimal digest of every Python source below the folders, and of numba's version."""
     sha = hashlib.sha256(numba.__version__.encode())

@@ -113,9 +113,7 @@ def average_albedo(
     used = 0
     worst = 0.0
 
-    def integrand(
-        row: np.ndarray, wi: np.ndarray, wo: np.ndarray, h: np.ndarray
-    ) -> np.ndarray:
+    def integrand(row: np.ndarray, wi: np.ndarray, wo: np.ndarray, h: np.ndarray) -> np.ndarray:
         nonlocal used, worst
         turn = np.zeros_like(wo[0]) if model.isotropic else wo[0]
         pairs, back = np.unique(

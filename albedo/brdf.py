@@ -248,8 +248,7 @@ class Model:
     def spec(self) -> str:
         """The model in the one grammar of the workbench, such as ``ward:alpha_x=0.1,...``."""
         words = [
-            f"{k}={v!r}" if isinstance(v, float) else f"{k}={v}"
-            for k, v in self.parameters.items()
+            f"{k}={v!r}" if isinstance(v, float) else f"{k}={v}" for k, v in self.parameters.items()
         ]
         return self.name + (":" + ",".join(words) if words else "")
 

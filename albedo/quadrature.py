@@ -238,7 +238,9 @@ def _rows(
         share = dict(options, limit=max(16, options["limit"] // max(len(parts), 1)))
         for k, part in enumerate(parts):
             widths = np.array([prepared[keys[i]][0][k].widths for i in rows])
-            result = _part(part, p, cos_theta[rows], phi[rows], widths, isotropic, swap, loss, share)
+            result = _part(
+                part, p, cos_theta[rows], phi[rows], widths, isotropic, swap, loss, share
+            )
             value[rows] += result.value
             error[rows] += result.error
             evaluations[rows] += result.evaluations

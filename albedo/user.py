@@ -128,9 +128,7 @@ def model_from(
         radial = width if lobe == "half" else 0.5 * width
         resolved_width = min(resolved_width, width)
 
-    def fill(
-        wi: np.ndarray, wo: np.ndarray, h: np.ndarray, p: np.ndarray, out: np.ndarray
-    ) -> None:
+    def fill(wi: np.ndarray, wo: np.ndarray, h: np.ndarray, p: np.ndarray, out: np.ndarray) -> None:
         view = np.moveaxis(wo, 0, -1)
         light = np.broadcast_to(np.moveaxis(wi, 0, -1)[:, None, :], view.shape)
         above = view[..., 2] > 0

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache
+from functools import cache
 from typing import Any
 
 import mpmath
@@ -135,7 +135,7 @@ def beckmann_lambda(a: Number) -> Number:
         return (mp.exp(-a * a) / (a * mp.sqrt(mp.pi)) - mp.erfc(a)) / 2
 
 
-@lru_cache(maxsize=None)
+@cache
 def gaussian_scale(m: float) -> Number:
     """What makes the projected integral of exp(-delta^2/m^2) equal to 1."""
     m = mp.mpf(m)

@@ -45,9 +45,7 @@ def nodes(
     return wi, wo, h
 
 
-def filled(
-    part: Any, model: Model, wi: np.ndarray, wo: np.ndarray, h: np.ndarray
-) -> np.ndarray:
+def filled(part: Any, model: Model, wi: np.ndarray, wo: np.ndarray, h: np.ndarray) -> np.ndarray:
     """Values of a part at nodes."""
     p = np.tile(np.array(model.pack(), dtype=float), (wi.shape[1], 1))
     out = np.empty(wo.shape[1:])
@@ -292,7 +290,9 @@ def test_eval_agrees_with_its_oracle(model: Model, rng: np.random.Generator) -> 
     wi = spherical(cosines, rng.uniform(-math.pi, math.pi, count))
     anywhere = spherical(rng.uniform(0.01, 1.0, count), rng.uniform(-math.pi, math.pi, count))
     width = min(min(part.widths) for part in model.parts()) if model.parts() else 1.0
-    nearby = wi * np.array([-1.0, -1.0, 1.0]) + width * rng.normal(size=(count, 3)) * cosines[:, None]
+    nearby = (
+        wi * np.array([-1.0, -1.0, 1.0]) + width * rng.normal(size=(count, 3)) * cosines[:, None]
+    )
     nearby /= np.linalg.norm(nearby, axis=1, keepdims=True)
     nearby[:, 2] = np.maximum(np.abs(nearby[:, 2]), 1e-12)
     for wo in (anywhere, nearby):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import pkgutil
 from difflib import get_close_matches
-from functools import lru_cache
+from functools import cache, lru_cache
 from importlib import import_module
 from typing import Any
 
@@ -21,7 +21,7 @@ def names() -> tuple[str, ...]:
     return tuple(sorted(m.name for m in pkgutil.iter_modules(__path__) if m.name[0] != "_"))
 
 
-@lru_cache(maxsize=None)
+@cache
 def model_class(name: str) -> type[Model]:
     """The class of the model called `name`.
 

@@ -199,6 +199,4 @@ class CookTorrance(Model):
         chart = PolarChart("slope", kinks, kind, edge, origin)
         known = self._exact_masking and self.prefactor == "1/4"
         whole = PolarChart("slope", kinks, kind, edge, origin, full=True)
-        return (
-            Part("specular", fill, chart, (ax, ay), loss if known else None, whole),
-        )
+        return (Part("specular", fill, chart, (ax, ay), loss if known else None, whole),)

@@ -43,7 +43,9 @@ class CosineChart:
         psi = np.linspace(0.0, 0.5 * np.pi * halves, halves + 1)
         row, code, box = [], [], []
         for i, mu in enumerate(c):
-            cuts = [0.0, mu, 1.0] if self.kinks == "max" and 0 < mu < 1 and not coarse else [0.0, 1.0]
+            cuts = (
+                [0.0, mu, 1.0] if self.kinks == "max" and 0 < mu < 1 and not coarse else [0.0, 1.0]
+            )
             for u0, u1 in zip(psi[:-1], psi[1:], strict=True):
                 for v0, v1 in zip(cuts[:-1], cuts[1:], strict=True):
                     row.append(i)

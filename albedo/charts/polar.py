@@ -77,7 +77,11 @@ class PolarChart:
     full: bool = False
 
     def panels(
-        self, cos_theta: np.ndarray, phi: np.ndarray, widths: np.ndarray, isotropic: bool,
+        self,
+        cos_theta: np.ndarray,
+        phi: np.ndarray,
+        widths: np.ndarray,
+        isotropic: bool,
         coarse: bool = False,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Panels of every row: smooth pieces of the hemisphere.
@@ -368,7 +372,9 @@ def _panels(geometry, quadrants, coarse, kind, kinks, decay, full):
                     big_t = s / c * cos_psi
                     inner, pattern = _breaks(big_t, width, kind, kinks, decay, full, b)
                     scale = _scale(width, decay)
-                    graded = not coarse and (layered or (decay == 0 and pattern % 256 > 0 and not full))
+                    graded = not coarse and (
+                        layered or (decay == 0 and pattern % 256 > 0 and not full)
+                    )
                     if graded:
                         _split_edge(b, inner)
                         inner += 1

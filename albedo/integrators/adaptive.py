@@ -142,9 +142,7 @@ def integrate(
     if order == start:
         # The core of a lobe (inner panel 0) is steeper along v than along u.
         first += np.where((code[:, 1] == 0)[:, None], (-2, 4), (-2, 0))
-    cells = _Cells(
-        row, code, box, first, np.zeros(m), np.zeros((m, 2)), np.zeros(m), np.zeros(m)
-    )
+    cells = _Cells(row, code, box, first, np.zeros(m), np.zeros((m, 2)), np.zeros(m), np.zeros(m))
     spent = np.bincount(row, weights=first.prod(1), minlength=n).astype(int)
     _evaluate(chart, integrand, geometry, cells)
     active = np.ones(n, dtype=bool)

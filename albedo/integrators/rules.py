@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 
 import numpy as np
 
@@ -27,7 +27,7 @@ LADDER = (2, 3, 4, 5, 6, 8, 10, 12, 14, 16, 20, 24, 28, 32)
 # Columns: safety, coefficients in the tail window, straightness, share of the rate that is trusted,
 # and the most e-folds that are claimed beyond the last coefficients.
 _STOPPING = (30.0, 4, 0.9, 0.6, 9.0)
-_REPORTED = (8.0, 3, 0.8, 1.0, 20.0)
+_REPORTED = (16.0, 3, 0.8, 0.95, 20.0)
 _SHALLOW, _STEEP = 1.0, 1.5
 
 
@@ -49,7 +49,7 @@ class Rule:
     to_coefficients: np.ndarray
 
 
-@lru_cache(maxsize=None)
+@cache
 def gauss(p: int) -> Rule:
     """The Gauss-Legendre rule of `p` nodes on [0, 1]."""
     x, w = np.polynomial.legendre.leggauss(p)
