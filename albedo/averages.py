@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -39,8 +40,8 @@ class _Incidence:
         turns = [0.0, 1.0] if isotropic else np.linspace(0.0, 1.0, 5)
         box = [
             (u0, u1, v0, v1)
-            for u0, u1 in zip(turns[:-1], turns[1:], strict=True)
-            for v1, v0 in zip(edges[:-1], edges[1:], strict=True)
+            for u0, u1 in itertools.pairwise(turns)
+            for v1, v0 in itertools.pairwise(edges)
         ]
         m = len(box)
         return (

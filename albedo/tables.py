@@ -21,7 +21,8 @@ from albedo.quadrature import albedo_rows, check_directions, check_tolerances, w
 if TYPE_CHECKING:
     import xarray
 
-_CHUNK = 256
+# Rows per batch, whatever the number of threads: sums are rounded in the same order.
+_CHUNK = 128
 
 
 def table(
@@ -86,14 +87,12 @@ def table(
     rows = [m for m in models for _ in range(per_model)]
     total = len(rows)
     cosines, phis = np.tile(cosines, len(models)), np.tile(phis, len(models))
-    # Whole models per chunk where possible: their rows share kernels and panels.
-    step = max(1, min(_CHUNK, -(-total // (2 * threads)) if threads > 1 else _CHUNK))
-    starts = range(0, total, step)
+    starts = range(0, total, _CHUNK)
     lock, done = threading.Lock(), 0
 
     def work(first: int) -> Estimate:
         nonlocal done
-        piece = slice(first, min(first + step, total))
+        piece = slice(first, min(first + _CHUNK, total))
         found = albedo_rows(
             rows[piece],
             *(cosines[piece], phis[piece]),

@@ -104,7 +104,7 @@ def ashikhmin_shirley_diffuse(r_s: float, r_d: float, mu: float) -> float:
     return r_d * (1.0 - r_s) * (1.0 - (1.0 - 0.5 * mu) ** 5)
 
 
-# Fresnel factors and the parts of microfacet models ------------------------------------------------
+# Fresnel factors and the parts of microfacet models
 
 
 def fresnel(index: complex, u: Number) -> Number:
@@ -174,7 +174,7 @@ def smith_lambda(name: str, width: tuple[float, float], v: Sequence[Number]) -> 
     return (mp.sqrt(1 + t2) - 1) / 2 if name == "ggx" else beckmann_lambda(1 / mp.sqrt(t2))
 
 
-# The models ----------------------------------------------------------------------------------------
+# The models
 
 
 def _unit(v: Sequence[float]) -> tuple[Number, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 
 import numpy as np
@@ -39,7 +40,7 @@ def _reference(f: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
     rule = gauss(16)
     return sum(
         (f(a + (b - a) * rule.nodes[None, :]) * rule.weights).sum(1) * (b - a)
-        for a, b in zip(edges[:-1], edges[1:], strict=True)
+        for a, b in itertools.pairwise(edges)
     )
 
 

@@ -21,7 +21,7 @@ def coupling(cosine):
 
 @kernel
 def fill_specular(wi, wo, h, p, out):
-    """f_s = sqrt((n_u+1)(n_v+1))/(8 pi) (n.h)^(n_u cos^2 + n_v sin^2) F(v.h)/(v.h max(n.l, n.v))."""
+    """f_s = sqrt((n_u+1)(n_v+1))/(8 pi) (n.h)^(n_u cos^2 + n_v sin^2) F/(v.h max(n.l, n.v))."""
     for j in range(out.shape[0]):
         lz, n_u, n_v, scale, r_s = wi[2, j], p[j, 0], p[j, 1], p[j, 2], p[j, 3]
         for i in range(out.shape[1]):

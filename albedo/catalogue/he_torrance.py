@@ -86,7 +86,7 @@ def poisson_sum(g, c):
             poisson *= g / m
             term = poisson / m * math.exp(-c / m)
             total += term
-            # The first terms of a far tail underflow: only a falling term tells that the sum is done.
+            # The first terms of a far tail underflow: only a falling term ends the sum.
             if (total > 0.0 and term <= before and term <= 1e-17 * total) or poisson < 1e-300:
                 return total
             before = term

@@ -7,6 +7,7 @@ mu = n.l.
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -46,8 +47,8 @@ class CosineChart:
             cuts = (
                 [0.0, mu, 1.0] if self.kinks == "max" and 0 < mu < 1 and not coarse else [0.0, 1.0]
             )
-            for u0, u1 in zip(psi[:-1], psi[1:], strict=True):
-                for v0, v1 in zip(cuts[:-1], cuts[1:], strict=True):
+            for u0, u1 in itertools.pairwise(psi):
+                for v0, v1 in itertools.pairwise(cuts):
                     row.append(i)
                     code.append((0, 0, 1, 2 if isotropic else 1))
                     box.append((u0, u1, v0, v1))

@@ -287,6 +287,19 @@ def _split_edge(b, n):
 
 
 @kernel
+def _split_horizon(b, n, big_t):
+    """Split the panel that ends at the horizon; return its new index, or -1."""
+    horizon = math.tan(0.25 * math.atan2(1.0, -big_t))
+    for j in range(n):
+        if b[j + 1] == horizon:
+            for k in range(n, j, -1):
+                b[k + 1] = b[k]
+            b[j + 1] = 0.5 * (b[j] + b[j + 2])
+            return j + 1
+    return -1
+
+
+@kernel
 def _pattern(g, quadrant, u, kind, kinks, decay, full, b):
     """Which arrangement of ends `_breaks` finds at u."""
     cos_psi, _, width, _ = _azimuth(g, quadrant, u)
@@ -312,7 +325,7 @@ def _panels(geometry, quadrants, coarse, kind, kinks, decay, full):
         c, s, cp, sp, wx, wy = g[0], g[1], g[4], g[5], g[6], g[7]
         ca, sa, slant, layer = g[8], g[9], g[10], g[11]
         end = math.asinh(0.5 * math.pi / layer)
-        steps = 1 if coarse else max(1, int(math.ceil(end / 5.0)))
+        steps = 1 if coarse else max(1, math.ceil(end / 5.0))
         for quadrant in range(quadrants):
             m = steps + 1
             for k in range(m):
@@ -372,16 +385,22 @@ def _panels(geometry, quadrants, coarse, kind, kinks, decay, full):
                     big_t = s / c * cos_psi
                     inner, pattern = _breaks(big_t, width, kind, kinks, decay, full, b)
                     scale = _scale(width, decay)
-                    graded = not coarse and (
-                        layered or (decay == 0 and pattern % 256 > 0 and not full)
-                    )
+                    tail = decay == 0 and pattern % 256 > 0
+                    graded = not coarse and (layered or (tail and not full))
+                    edge_panel = -1
                     if graded:
                         _split_edge(b, inner)
+                        edge_panel = inner
+                        inner += 1
+                    elif decay == 0 and full and not coarse:
+                        # What is lost turns where n.v falls below the width, above the horizon.
+                        edge_panel = _split_horizon(b, inner, big_t)
+                        graded = True
                         inner += 1
                     for j in range(inner):
                         size[j] = max(size[j], b[j + 1] - b[j])
                         folds = math.asinh(b[j + 1] / scale) - math.asinh(b[j] / scale)
-                        if graded and j == inner - 1:
+                        if j == edge_panel:
                             folds = math.asinh((b[j + 1] - b[j]) / _edge_layer(big_t, c, width))
                         span[j] = max(span[j], folds)
                 if coarse:
@@ -394,7 +413,7 @@ def _panels(geometry, quadrants, coarse, kind, kinks, decay, full):
                 for j in range(inner):
                     if size[j] <= 0.0:
                         continue
-                    pieces = max(1, int(math.ceil(span[j] / 4.0)))
+                    pieces = max(1, math.ceil(span[j] / 4.0))
                     for piece in range(pieces):
                         if count == row.size:
                             row = np.concatenate((row, np.empty_like(row)))
@@ -441,11 +460,15 @@ def _nodes(geometry, code, box, u, v, kind, kinks, decay, full, edge, origin, wi
             scale = _scale(width, decay)
             # A panel that is not what it was taken for: better no value than a wrong one.
             sound = 1.0 if pattern == code[k, 4] or code[k, 4] < 0 else math.nan
-            if graded:
+            edge_panel = -1
+            if graded and full:
+                edge_panel = _split_horizon(b, found, big_t)
+            elif graded:
                 _split_edge(b, found)
+                edge_panel = found
             elif inner == 1 and found > 1:
                 b[1] = b[found]  # one panel over all kinks (budget too small to split)
-            at_edge = graded and j == inner - 1
+            at_edge = graded and j == edge_panel
             if at_edge:
                 scale = _edge_layer(big_t, c, width)
                 s0 = math.asinh((b[j + 1] - b[j]) / scale)

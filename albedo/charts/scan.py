@@ -9,6 +9,7 @@ psi = 0, +-pi/2, pi, where many models have kinks.
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -27,7 +28,7 @@ def _graded(points: list[float], step: float, low: float, high: float) -> np.nda
     edges = np.concatenate([special, *(x + sign * near for x in points for sign in (-1, 1))])
     edges = np.unique(edges[(edges >= low) & (edges <= high)])
     fine = [edges[:1]]
-    for left, right in zip(edges[:-1], edges[1:], strict=True):
+    for left, right in itertools.pairwise(edges):
         count = math.ceil((right - left) / step)
         fine.append(np.linspace(left, right, count + 1)[1:])
     return np.concatenate(fine)
@@ -66,7 +67,7 @@ class ScanChart:
             theta = math.atan2(s[i], c[i])
             bands = _graded([0.0, theta], step, 0.0, 0.5 * math.pi)
             around: dict[int, np.ndarray] = {}
-            for t0, t1 in zip(bands[:-1], bands[1:], strict=True):
+            for t0, t1 in itertools.pairwise(bands):
                 # One azimuth grid serves all bands of about the same circumference.
                 key = max(0, math.ceil(4.0 * math.log2(max(math.sin(t1), 1e-12)) + 160.0))
                 if key not in around:

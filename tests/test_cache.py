@@ -1,0 +1,71 @@
+"""Compiled kernels: found by the next process, and never stale."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import albedo
+
+PACKAGE = Path(albedo.__file__).parent
+PRINT_VALUE = (
+    "import albedo; m = albedo.model('blinn', n=2.0); "
+    "print(float(m.eval([0, 0, 1], [0.6, 0, 0.8])))"
+)
+
+
+def run(code: str, root: Path, cache: Path) -> str:
+    environment = {**os.environ, "PYTHONPATH": str(root), "ALBEDO_CACHE_DIR": str(cache)}
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=root,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout.strip()
+
+
+def machine_code(cache: Path) -> set[Path]:
+    return set(cache.rglob("*.nbc"))
+
+
+def test_the_next_process_hits_and_an_edited_helper_misses(tmp_path: Path) -> None:
+    copy, cache = tmp_path / "albedo", tmp_path / "cache"
+    shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    first = run(PRINT_VALUE, tmp_path, cache)
+    files = machine_code(cache)
+    assert files
+    assert run(PRINT_VALUE, tmp_path, cache) == first
+    assert machine_code(cache) == files
+    # The model's own file stays as it is: only a helper that it was compiled with changes.
+    helper = copy / "geometry.py"
+    text = helper.read_text(encoding="utf-8")
+    changed = text.replace("math.exp(-0.5 * n * math.log1p(tan2))", "2.0")
+    assert changed != text
+    helper.write_text(changed, encoding="utf-8")
+    second = run(PRINT_VALUE, tmp_path, cache)
+    assert float(second) != float(first)
+    assert machine_code(cache) > files
+
+
+def test_kernels_of_a_user_count_their_own_neighbours(tmp_path: Path) -> None:
+    (tmp_path / "helper.py").write_text(
+        "from albedo._compile import kernel\n\n@kernel\ndef twice(x):\n    return 2.0 * x\n"
+    )
+    (tmp_path / "mine.py").write_text(
+        "from albedo._compile import kernel\nfrom helper import twice\n\n"
+        "@kernel\ndef f(x):\n    return twice(x) + 1.0\n\nprint(f(3.0))\n"
+    )
+    root = f"{PACKAGE.parent}{os.pathsep}{tmp_path}"
+    code = f"import sys; sys.path[:0] = {root.split(os.pathsep)!r}; import mine"
+    cache = tmp_path / "cache"
+    assert run(code, tmp_path, cache) == "7.0"
+    assert run(code, tmp_path, cache) == "7.0"
+    helper = tmp_path / "helper.py"
+    helper.write_text(helper.read_text().replace("2.0 * x", "5.0 * x"))
+    assert run(code, tmp_path, cache) == "16.0"
