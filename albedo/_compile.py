@@ -57,9 +57,10 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     inside = home.is_relative_to(PACKAGE)
     folders = (PACKAGE,) if inside or not home.is_file() else (PACKAGE, home.parent)
     # numba reads this setting when a function is decorated: set it for this one only.
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(cache_root() / digest(*folders))
+    config: Any = numba.config
+    before = config.CACHE_DIR
+    config.CACHE_DIR = str(cache_root() / digest(*folders))
     try:
         return numba.njit(cache=home.is_file(), nogil=True, error_model="numpy")(function)
     finally:
-        numba.config.CACHE_DIR = before
+        config.CACHE_DIR = before

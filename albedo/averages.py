@@ -66,8 +66,8 @@ class _Incidence:
         direction = np.zeros((3, *shape))
         direction[0] = turn[:, :, None]
         direction[2] = mu[:, None, :]
-        direction = direction.reshape(3, m, -1)
-        return np.zeros((3, m)), direction, direction, weight.reshape(m, -1)
+        flat = direction.reshape(3, m, -1)
+        return np.zeros((3, m)), flat, flat, weight.reshape(m, -1)
 
 
 def average_albedo(

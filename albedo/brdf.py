@@ -218,7 +218,7 @@ class Model:
         raise AttributeError(f"{self.name} is frozen; use .replace({key}=...) for a changed copy")
 
     def __eq__(self, other: object) -> bool:
-        return type(self) is type(other) and self.parameters == other.parameters  # type: ignore[attr-defined]
+        return type(self) is type(other) and self.parameters == other.parameters
 
     def __hash__(self) -> int:
         return hash((type(self), tuple(self.parameters.items())))

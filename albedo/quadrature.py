@@ -197,7 +197,7 @@ def albedo_rows(
     moved = np.where(zero, np.abs(limit_value.value - other.value), 0.0)
     value, error = limit_value.value.copy(), limit_value.error + moved
     for i in np.flatnonzero(zero):
-        known = models[i].grazing_albedo()
+        known = models[int(i)].grazing_albedo()
         if known is not None:
             value[i], error[i] = (1.0 - known if complement else known), 0.0
     done = error <= np.maximum(atol, rtol * np.abs(value))
@@ -301,7 +301,7 @@ def _part(
     assert fill is not None
 
     def integrand(row: np.ndarray, wi: np.ndarray, wo: np.ndarray, h: np.ndarray) -> np.ndarray:
-        out = np.empty(wo.shape[1:])
+        out: np.ndarray = np.empty(wo.shape[1:])
         if not swap:
             fill(wi, wo, h, p[row], out)
             return out

@@ -118,9 +118,11 @@ def table(
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
     joined = Estimate(
-        *(np.concatenate([getattr(x, f) for x in pieces]) for f in ("value", "error")),
+        np.concatenate([piece.value for piece in pieces]),
+        np.concatenate([piece.error for piece in pieces]),
         "bound",
-        *(np.concatenate([getattr(x, f) for x in pieces]) for f in ("evaluations", "converged")),
+        np.concatenate([piece.evaluations for piece in pieces]),
+        np.concatenate([piece.converged for piece in pieces]),
     )
     warn_unconverged(joined, rtol, atol)
     shape = (*(len(v) for v in axes.values()), p.size, c.size)

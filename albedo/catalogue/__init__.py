@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import pkgutil
 from difflib import get_close_matches
-from functools import cache, lru_cache
+from functools import cache
 from importlib import import_module
 from typing import Any
 

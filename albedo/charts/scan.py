@@ -111,5 +111,5 @@ class ScanChart:
         weight = np.broadcast_to(
             area[:, None, None] * (sin_v * cos_v)[:, None, :], (m, u.size, v.size)
         ).reshape(m, count)
-        wo = wo.reshape(3, m, count)
-        return wi, wo, wo + wi[:, :, None], weight
+        flat = wo.reshape(3, m, count)
+        return wi, flat, flat + wi[:, :, None], weight

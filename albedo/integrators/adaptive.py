@@ -163,8 +163,8 @@ def integrate(
         cost = cost[rank]
         rows = cells.row[work.parent]
         running = np.cumsum(cost)
-        start = np.concatenate(([True], rows[1:] != rows[:-1]))
-        base = (running - cost)[start][np.cumsum(start) - 1]
+        opens = np.concatenate(([True], rows[1:] != rows[:-1]))
+        base = (running - cost)[opens][np.cumsum(opens) - 1]
         affordable = spent[rows] + (running - base) + reserve[rows] <= limit
         # A row that cannot pay for all of it pays for the worst cells, and is done.
         active &= np.bincount(rows[affordable], minlength=n) > 0

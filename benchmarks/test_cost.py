@@ -1,0 +1,162 @@
+"""What an albedo costs, and what the strongest general methods need for the same.
+
+    pytest benchmarks --benchmark-columns=median,iqr,rounds
+
+Every benchmark carries evaluations per entry and nanoseconds per evaluation in its extra info,
+printed at the end; ratios hold within one run. Not part of the pass/fail tests.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from statistics import median
+
+import numpy as np
+import pytest
+
+import albedo
+from albedo.brdf import Model
+
+COS = 0.5
+MODELS = {
+    "ggx m=0.3": albedo.model(
+        "cook_torrance", m=0.3, distribution="ggx", geometry="smith_correlated"
+    ),
+    "ward m=0.1": albedo.model("ward", m=0.1),
+    "ward m=0.001": albedo.model("ward", m=0.001),
+}
+AXIS = np.linspace(0.02, 1.0, 32)
+EXPONENTS = 2.0 / AXIS**2 - 1.0
+TABLES = {
+    "ggx": (MODELS["ggx m=0.3"], {"m": AXIS}),
+    "cook_torrance": (albedo.model("cook_torrance"), {"m": AXIS}),
+    "ward": (albedo.model("ward"), {"m": AXIS}),
+    "ward_bounded": (albedo.model("ward_bounded"), {"m": AXIS}),
+    "phong": (albedo.model("phong"), {"n": EXPONENTS}),
+    "max_phong": (albedo.model("max_phong"), {"n": EXPONENTS}),
+    "blinn": (albedo.model("blinn"), {"n": EXPONENTS}),
+    "ashikhmin_shirley": (albedo.model("ashikhmin_shirley"), {"n": EXPONENTS}),
+    "he_torrance": (albedo.model("he_torrance"), {"sigma0": np.linspace(0.02, 0.5, 32)}),
+}
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("name", TABLES)
+def test_table_32_by_32(benchmark, name: str, threads: int) -> None:
+    """1024 entries at 1e-8."""
+    model, sweep = TABLES[name]
+    cosines = np.linspace(0.01, 1.0, 32)
+    result = benchmark.pedantic(
+        lambda: albedo.table(model, cosines, sweep=sweep, threads=threads),
+        rounds=5,
+        warmup_rounds=1,
+    )
+    count = result.evaluations.values
+    spent = benchmark.stats.stats.median
+    benchmark.extra_info["evaluations per entry"] = float(np.median(count))
+    benchmark.extra_info["ns per evaluation"] = 1e9 * spent / float(count.sum())
+    print(
+        f"\n{name}, {threads} thread(s): {spent:.3f} s, {np.median(count):.0f} evaluations per "
+        f"entry (most {count.max()}), {1e9 * spent / count.sum():.0f} ns per evaluation"
+    )
+
+
+def slopes(model: Model) -> Callable[[np.ndarray], np.ndarray]:
+    """The integrand in half-vector slopes on [-6, 6]^2 widths, zero below the horizon."""
+    width = model.parts()[0].widths[0]
+    s = math.sqrt((1 - COS) * (1 + COS))
+    light = np.array([s, 0.0, COS])
+
+    def integrand(points: np.ndarray) -> np.ndarray:
+        x, y = width * points[:, 0], width * points[:, 1]
+        q = 1.0 + x * x + y * y
+        h = np.stack((x, y, np.ones_like(x)), -1) / np.sqrt(q)[:, None]
+        l_dot_h = h @ light
+        view = 2.0 * l_dot_h[:, None] * h - light
+        view /= np.linalg.norm(view, axis=1, keepdims=True)
+        up = (view[:, 2] > 0) & (l_dot_h > 0)
+        value = np.zeros(len(x))
+        value[up] = model.eval(light, view[up]) * view[up, 2]
+        return value * 4.0 * np.abs(l_dot_h) / q**1.5 * width * width
+
+    return integrand
+
+
+def timed(call: Callable[[], object], rounds: int = 5) -> float:
+    call()
+    seconds = []
+    for _ in range(rounds):
+        start = time.perf_counter()
+        call()
+        seconds.append(time.perf_counter() - start)
+    return median(seconds)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_against_general_methods(benchmark, name: str) -> None:
+    """Ours at 1e-8; theirs as near to it as they come, in the same run."""
+    import cubature as cubature_package
+    from scipy import integrate
+
+    model = MODELS[name]
+    benchmark.pedantic(lambda: albedo.directional_albedo(model, COS), rounds=7, warmup_rounds=1)
+    ours = benchmark.stats.stats.median
+    found = albedo.directional_albedo(model, COS)
+    reference = float(albedo.directional_albedo(model, COS, rtol=1e-12).value)
+    print(f"\n{name}: {found}, {int(found.evaluations)} evaluations, {1e3 * ours:.2f} ms")
+    in_slopes, wide = slopes(model), 40.0 if "ggx" in name else 6.0
+
+    def with_scipy() -> float:
+        low, high = np.full(2, -wide), np.full(2, wide)
+        result = integrate.cubature(in_slopes, low, high, rtol=1e-8, max_subdivisions=2000)
+        return float(result.estimate)
+
+    def with_package() -> float:
+        value, _ = cubature_package.cubature(
+            in_slopes, 2, 1, [-wide] * 2, [wide] * 2, relerr=1e-8, maxEval=500_000, vectorized=True
+        )
+        return float(value[0])
+
+    def on_angles(mu: float, phi: float) -> float:
+        t = math.sqrt((1 - mu) * (1 + mu))
+        view = np.array([t * math.cos(phi), t * math.sin(phi), mu])
+        light = np.array([math.sqrt((1 - COS) * (1 + COS)), 0.0, COS])
+        return float(model.eval(light, view)) * mu
+
+    def with_dblquad() -> float:
+        return (
+            2.0 * integrate.dblquad(on_angles, 0.0, math.pi, 0.0, 1.0, epsrel=1e-8, epsabs=1e-8)[0]
+        )
+
+    def with_monte_carlo() -> float:
+        # Walter's sampling of a Beckmann lobe; 1,024 samples.
+        rng = np.random.default_rng(1)
+        u, v = rng.random(1024), rng.random(1024)
+        radius, phi = np.sqrt(-np.log1p(-u)), 2.0 * math.pi * v
+        if "ggx" in name:
+            radius = np.sqrt(u / (1.0 - u))
+        points = np.stack((radius * np.cos(phi), radius * np.sin(phi)), -1)
+        density = np.exp(-(radius**2)) / math.pi
+        if "ggx" in name:
+            density = 1.0 / (math.pi * (1.0 + radius**2) ** 2)
+        return float(np.mean(in_slopes(points) / density))
+
+    others = {
+        "scipy.integrate.cubature in slopes": (with_scipy, 3),
+        "cubature package in slopes": (with_package, 3),
+        "1,024 importance samples": (with_monte_carlo, 5),
+        "scipy.integrate.dblquad on angles": (with_dblquad, 1),
+    }
+    import warnings
+
+    for label, (call, rounds) in others.items():
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            value, spent = call(), timed(call, rounds)
+        benchmark.extra_info[label] = spent / ours
+        print(
+            f"  {label}: {spent / ours:.3g} times ours, relative error "
+            f"{abs(value / reference - 1.0):.1e}"
+        )
