@@ -335,7 +335,7 @@ def _rows(
 
 
 def _print_rows(rows: list[dict[str, Any]]) -> None:
-    from albedo.report import with_error
+    from albedo.estimate import format_value
 
     # Columns that say the same in every row only take room.
     several_azimuths = len({row.get("phi") for row in rows} | {0.0}) > 1
@@ -356,7 +356,7 @@ def _print_rows(rows: list[dict[str, Any]]) -> None:
         last = row["model"]
         table.add_row(
             *cells,
-            with_error(row["value"], row["error"]),
+            format_value(row["value"], row["error"]),
             str(row["evaluations"]),
             "yes" if row["converged"] else "NO",
         )

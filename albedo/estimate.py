@@ -5,39 +5,50 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from decimal import ROUND_CEILING, Decimal
 
 import numpy as np
 
 
 def format_value(value: float, error: float) -> str:
-    """`value` with its error in units of the last digit: ``0.488993(2)``.
+    """Write a number with its error in the last digit, such as ``0.488993(2)``.
+
+    The bracket covers the error and what rounding the number adds to it, rounded up.
 
     Parameters
     ----------
     value, error : float
-        A number and the bound of its error, which is rounded up to one digit.
+        The number, and its error.
 
     Returns
     -------
     str
-        Such as ``0.488993(2)``; ``1.00(0)`` when the error is 0; ``nan`` as it is.
+        At most 12 digits; ``∞`` where there is no finite number.
     """
-    if not math.isfinite(value):
-        return str(value)
+    if math.isnan(value):
+        return "not a number"
+    if math.isinf(value):
+        return "∞" if value > 0 else "-∞"
     if not math.isfinite(error):
-        return f"{value:.3g}(inf)"
-    if error == 0.0:
-        return f"{value!r}(0)"
-    exponent = math.floor(math.log10(error))
-    digit = math.ceil(error / 10.0**exponent - 1e-9)
-    if digit == 10:
-        exponent, digit = exponent + 1, 1
-    if exponent >= 0:
-        return f"{round(value, -exponent):.0f}({digit * 10**exponent})"
-    if abs(value) >= 1e-4 or value == 0.0:
-        return f"{value:.{-exponent}f}({digit})"
-    lead = math.floor(math.log10(abs(value)))
-    return f"{value / 10.0**lead:.{max(lead - exponent, 0)}f}({digit})e{lead:+03d}"
+        return f"{value:.6g} ± ∞"
+    number, bound = Decimal(repr(float(value))), Decimal(repr(float(error)))
+    size = number.adjusted() if number else 0
+    # Beyond 12 digits a printed number is not more useful; the CSV has every digit.
+    last = max(bound.adjusted(), size - 11) if bound else size - 11
+    while True:
+        unit = Decimal(1).scaleb(last)
+        rounded = number.quantize(unit)
+        spread = bound + abs(number - rounded)
+        digits = int((spread / unit).to_integral_value(ROUND_CEILING))
+        if digits < 10:
+            break
+        last += 1
+    if not bound and number == rounded:
+        return f"{value:.12g}"
+    if -5 < size < 7 and last <= 0:
+        return f"{rounded:f}({digits})"
+    scale = max(size, last)
+    return f"{rounded.scaleb(-scale):f}({digits})e{scale:+03d}"
 
 
 @dataclass(frozen=True, eq=False)

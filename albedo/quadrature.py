@@ -107,7 +107,7 @@ def directional_albedo(
     --------
     >>> import albedo
     >>> print(albedo.directional_albedo(albedo.model("lambert", rho=0.5), 1.0, rtol=1e-6))
-    0.5000000000000000(9) [bound]
+    0.500000000000(1) [bound]
     """
     c, p = check_directions(cos_theta, phi)
     c, p = np.broadcast_arrays(c, p)

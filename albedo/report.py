@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from albedo.estimate import format_value
 from albedo.files import save_text
 from albedo.studies import Progress, Result, StudyFile, run_study
 
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     import jinja2
     import pandas as pd
 
-__all__ = ["build_report", "render_index", "render_study", "with_error"]
+__all__ = ["build_report", "render_index", "render_study"]
 
 # A page shows so many rows of a table, evenly spread; the CSV beside it has all.
 _SHOWN_ROWS = 24
@@ -109,50 +110,6 @@ def render_study(folder: Path, manifest: dict[str, Any]) -> str:
     return template.render(manifest=manifest, tables=tables)
 
 
-def with_error(value: float, error: float) -> str:
-    """Write a number with its error in the last digit, such as ``0.488993(2)``.
-
-    The bracket covers the error and what rounding the number adds to it, rounded up.
-
-    Parameters
-    ----------
-    value, error : float
-        The number, and its error.
-
-    Returns
-    -------
-    str
-        At most 12 digits; ``∞`` where there is no finite number.
-    """
-    import math
-    from decimal import ROUND_CEILING, Decimal
-
-    if math.isnan(value):
-        return "not a number"
-    if math.isinf(value):
-        return "∞" if value > 0 else "-∞"
-    if not math.isfinite(error):
-        return f"{value:.6g} ± ∞"
-    number, bound = Decimal(repr(float(value))), Decimal(repr(float(error)))
-    size = number.adjusted() if number else 0
-    # Beyond 12 digits a printed number is not more useful; the CSV has every digit.
-    last = max(bound.adjusted(), size - 11) if bound else size - 11
-    while True:
-        unit = Decimal(1).scaleb(last)
-        rounded = number.quantize(unit)
-        spread = bound + abs(number - rounded)
-        digits = int((spread / unit).to_integral_value(ROUND_CEILING))
-        if digits < 10:
-            break
-        last += 1
-    if not bound and number == rounded:
-        return f"{value:.12g}"
-    if -5 < size < 7 and last <= 0:
-        return f"{rounded:f}({digits})"
-    scale = max(size, last)
-    return f"{rounded.scaleb(-scale):f}({digits})e{scale:+03d}"
-
-
 def _write_page(folder: Path, manifest: dict[str, Any]) -> None:
     save_text(render_study(folder, manifest), folder / "index.html")
 
@@ -173,7 +130,7 @@ def _excerpt(frame: pd.DataFrame) -> dict[str, Any]:
             continue
         if f"{name}_error" in frame.columns:
             pairs = zip(shown[name], shown[f"{name}_error"], strict=True)
-            cells = [with_error(float(value), float(error)) for value, error in pairs]
+            cells = [format_value(float(value), float(error)) for value, error in pairs]
         else:
             cells = [f"{v:.6g}" if isinstance(v, float) else str(v) for v in shown[name]]
         numeric = frame[name].dtype.kind in "iuf"
@@ -211,7 +168,7 @@ def _environment() -> jinja2.Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["with_error"] = lambda claim: with_error(claim["value"], claim["error"])
+    environment.filters["format_value"] = lambda claim: format_value(claim["value"], claim["error"])
     environment.filters["seconds"] = _seconds
     environment.filters["tone"] = _tone
     environment.filters["verdicts"] = _verdicts

@@ -107,7 +107,7 @@ def model_from(
     >>> import albedo, numpy as np
     >>> half = albedo.model_from(lambda wi, wo: np.full(wo.shape[:-1], 0.5 / np.pi), lobe="diffuse")
     >>> print(albedo.directional_albedo(half, 0.3, rtol=1e-6))
-    0.50000000000000(5) [bound, features of 0.001 rad]
+    0.500000000000(1) [bound, features of 0.001 rad]
     """
     if not callable(function):
         raise InputError(f"model_from needs a function f(wi, wo), not {type(function).__name__}")

@@ -307,28 +307,31 @@ def _cook_torrance(p: Mapping[str, Any], light: Any, view: Any) -> Number:
 def poisson_sum(g: Number, c: Number) -> Number:
     """Sum over m >= 1 of g^m e^-g/(m! m) exp(-c/m).
 
-    Above g = 500 as a trapezoid rule over m, as exact for so wide a bell as the sum itself.
+    Where the terms form a wide bell, as a trapezoid rule over m, which is as exact as the sum.
     """
     g, c = mp.mpf(g), mp.mpf(c)
     if g == 0:
         return mp.zero
-    if g <= 500:
+    # The largest term is near m log(m/g) = c/m.
+    low, top = g, g + mp.sqrt(c) + c / g
+    for _ in range(90):
+        middle = mp.sqrt(low * top)
+        low, top = (low, middle) if middle**2 * mp.log(middle / g) > c else (middle, top)
+    wide = 1 / mp.sqrt(1 / top + 2 * c / top**3)
+    if wide < 20:
         total, weight, m = mp.zero, mp.exp(-g), 0
         while True:
             m += 1
             weight *= g / m
             term = weight / m * mp.exp(-c / m)
             total += term
-            # Terms grow up to about g, and beyond it while exp(-c/m) does.
-            if m > g and m * mp.log(m / g) > c / m and term <= total * mp.mpf(10) ** -40:
+            if m > top and term <= total * mp.mpf(10) ** -40:
                 return total
     with mp.workdps(60):
 
         def height(m: Number) -> Number:
             return m * mp.log(g) - g - mp.loggamma(m + 1) - c / m - mp.log(m)
 
-        top = mp.findroot(lambda m: m * m * mp.log(m / g) - c, g + c / g)
-        wide = 1 / mp.sqrt(1 / top + 2 * c / top**3)
         # exp(-2 (pi/0.4)^2) = 3e-54 is what the steps cost, exp(-17^2/2) = 2e-63 the ends.
         steps = (top + mp.mpf("0.4") * k * wide for k in range(-43, 46))
         return mp.fsum(mp.exp(height(m)) for m in steps if m > 0) * mp.mpf("0.4") * wide

@@ -12,8 +12,9 @@ import pytest
 
 from albedo import plotting
 from albedo.errors import InputError
+from albedo.estimate import format_value
 from albedo.files import atomic_file, atomic_folder, check_output, save_json, save_text
-from albedo.report import build_report, with_error
+from albedo.report import build_report
 from albedo.studies import StudyFile, compare, discover, run_study
 
 GOOD = '''
@@ -273,7 +274,7 @@ def test_every_link_of_the_report_leads_to_a_file(studies, tmp_path):
     ],
 )
 def test_numbers_are_printed_with_their_error(value, error, text):
-    assert with_error(value, error) == text
+    assert format_value(value, error) == text
 
 
 def test_a_printed_interval_contains_the_true_one():
@@ -281,8 +282,8 @@ def test_a_printed_interval_contains_the_true_one():
     for _ in range(500):
         value = generator.normal() * 10.0 ** generator.integers(-12, 12)
         error = abs(value) * 10.0 ** generator.uniform(-14, -0.5)
-        matched = re.fullmatch(r"(-?[\d.]+)\((\d)\)(e[+-]\d+)?", with_error(value, error))
-        assert matched, with_error(value, error)
+        matched = re.fullmatch(r"(-?[\d.]+)\((\d)\)(e[+-]\d+)?", format_value(value, error))
+        assert matched, format_value(value, error)
         power = matched[3] or "e0"
         places = len(matched[1].partition(".")[2])
         middle, half = float(matched[1] + power), float(f"{matched[2]}{power}") / 10**places

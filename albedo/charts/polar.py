@@ -58,7 +58,7 @@ class PolarChart:
     kinks : {"none", "max", "v_cavity"}
         Curves at which the integrand has a kink.
     decay : {"algebraic", "gaussian", "cosine_power"}
-        How the lobe falls: the last two are cut where they are below 1e-20 of their peak.
+        How the lobe falls: the last two are cut where they are below 4.5e-19 of their peak.
     origin : int
         Power that clusters nodes at the mirror direction at grazing incidence, where n.v is
         proportional to the distance from it (2 makes a square root there smooth).
