@@ -14,9 +14,8 @@ import pandas as pd
 
 import albedo
 from albedo import plotting
-from albedo.estimate import Estimate
+from albedo.estimate import Estimate, format_value
 from albedo.grammar import parse
-from albedo.report import with_error
 from albedo.studies import Study
 
 if TYPE_CHECKING:
@@ -195,7 +194,7 @@ def sentences(summary: pd.DataFrame, crossing: tuple[float, float] | None) -> li
         last = np.degrees(np.arccos(plotting.angle_grid()[-1]))
         seen = "beyond" if theta > last else "before"
         text.append(
-            f"Ward's albedo passes one at cos θ = {with_error(cosine, width)}, which is "
+            f"Ward's albedo passes one at cos θ = {format_value(cosine, width)}, which is "
             f"{theta:.4f}°, {seen} the {last:.1f}° at which the figure in degrees ends."
         )
     return text

@@ -4,18 +4,11 @@ from __future__ import annotations
 
 import math
 
-import exact
-import mpmath
 import numpy as np
-import pytest
-from scipy import integrate
 
 import albedo
 from albedo.brdf import Model
-from albedo.catalogue.he_torrance import lambert_w, poisson_sum
-from albedo.directions import spherical
-from albedo.fresnel import conductor, dielectric, schlick
-from albedo.microfacet import DISTRIBUTIONS, GEOMETRIES, beckmann_lambda, distribution, smith_lambda
+from albedo.microfacet import DISTRIBUTIONS, distribution
 
 EPS = np.finfo(float).eps
 

@@ -9,13 +9,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from albedo import plotting
+from albedo.cli import app
 from albedo.errors import InputError
 from albedo.estimate import format_value
 from albedo.files import atomic_file, atomic_folder, check_output, save_json, save_text
 from albedo.report import build_report
 from albedo.studies import StudyFile, compare, discover, run_study
+
+STUDIES = Path(__file__).parent.parent / "studies"
 
 GOOD = '''
 """Does a number stay below one?
@@ -422,3 +426,11 @@ def test_a_model_has_one_colour():
     assert plotting.color("ward") == plotting.color("ward")
     assert len({plotting.color(m) for m in ("phong", "he_torrance", "cook_torrance", "ward")}) == 4
     assert re.fullmatch("#[0-9A-F]{6}", plotting.color("somebody_elses_model"))
+
+
+def test_the_studies_of_the_project_run(tmp_path: Path) -> None:
+    """What the README's first command does, at its quick fidelity."""
+    done = CliRunner().invoke(app, ["report", "--studies-dir", str(STUDIES), "-o", str(tmp_path)])
+    assert done.exit_code == 0, done.output
+    assert (tmp_path / "nns_fig1" / "by_angle_figure.png").is_file()
+    assert (tmp_path / "nns_fig1" / "by_angle.csv").is_file()
