@@ -21,8 +21,8 @@ from albedo.quadrature import albedo_rows, check_directions, check_tolerances, w
 if TYPE_CHECKING:
     import xarray
 
-# Rows per batch, whatever the number of threads: sums are rounded in the same order.
-_CHUNK = 128
+# Most rows in a batch, whatever the number of threads: sums are rounded in the same order.
+_CHUNK = 256
 
 
 def table(
@@ -87,14 +87,15 @@ def table(
     rows = [m for m in models for _ in range(per_model)]
     total = len(rows)
     cosines, phis = np.tile(cosines, len(models)), np.tile(phis, len(models))
-    starts = range(0, total, _CHUNK)
+    # Every batch takes rows from all over the table, so that all cost about the same.
+    batches = -(-total // _CHUNK)
+    pieces = [np.arange(first, total, batches) for first in range(batches)]
     lock, done = threading.Lock(), 0
 
-    def work(first: int) -> Estimate:
+    def work(piece: np.ndarray) -> Estimate:
         nonlocal done
-        piece = slice(first, min(first + _CHUNK, total))
         found = albedo_rows(
-            rows[piece],
+            [rows[i] for i in piece],
             *(cosines[piece], phis[piece]),
             rtol=rtol,
             atol=atol,
@@ -103,27 +104,26 @@ def table(
             max_evaluations=max_evaluations,
         )
         with lock:
-            done += len(rows[piece])
+            done += piece.size
             if progress is not None:
                 progress(done, total)
         return found
 
     if threads == 1:
-        pieces = [work(first) for first in starts]
+        found = [work(piece) for piece in pieces]
     else:
         with ThreadPoolExecutor(threads) as pool:
             try:
-                pieces = list(pool.map(work, starts))
+                found = list(pool.map(work, pieces))
             except BaseException:
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
-    joined = Estimate(
-        np.concatenate([piece.value for piece in pieces]),
-        np.concatenate([piece.error for piece in pieces]),
-        "bound",
-        np.concatenate([piece.evaluations for piece in pieces]),
-        np.concatenate([piece.converged for piece in pieces]),
+    order = np.argsort(np.concatenate(pieces))
+    value, error, evaluations, converged = (
+        np.concatenate([getattr(piece, name) for piece in found])[order]
+        for name in ("value", "error", "evaluations", "converged")
     )
+    joined = Estimate(value, error, "bound", evaluations, converged)
     warn_unconverged(joined, rtol, atol)
     shape = (*(len(v) for v in axes.values()), p.size, c.size)
     dims = (*axes, "phi", "cos_theta")

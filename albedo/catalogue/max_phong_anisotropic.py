@@ -7,6 +7,7 @@ import math
 from albedo._compile import kernel
 from albedo.brdf import Model, Part, Real
 from albedo.catalogue._phong import mirror_chart, mirror_width
+from albedo.charts.polar import PolarChart
 from albedo.geometry import cosine_power, mirror_offset2
 
 
@@ -50,5 +51,11 @@ class MaxPhongAnisotropic(Model):
         return (self.n_u, self.n_v, constant)
 
     def parts(self) -> tuple[Part, ...]:
-        chart = mirror_chart(min(self.n_u, self.n_v), "max")
-        return (Part("specular", fill, chart, (mirror_width(self.n_u), mirror_width(self.n_v))),)
+        low, high = sorted((self.n_u, self.n_v))
+        widths = mirror_width(self.n_u), mirror_width(self.n_v)
+        if low < 2.0 and high <= 100.0 * low:
+            # A broad lobe: laid out about R, as wide as its wider half.
+            chart = PolarChart("mirror", "max", "algebraic", edge=4)
+            return (Part("specular", fill, chart, (max(widths),) * 2),)
+        chart = mirror_chart(low, "max", "mirror_in_slopes")
+        return (Part("specular", fill, chart, widths),)

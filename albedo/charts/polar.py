@@ -24,7 +24,8 @@ one of width 1/(t w) at psi = +-pi/2, where the horizon sweeps across the lobe. 
 are stretched to circles first: psi becomes the elliptic angle that Ward's sampling uses.
 
 Jacobians: dV = 4 (l.h) dH = 4 (l.h) sin(delta) d(delta) d(psi) in slopes,
-dV = 2 sin(2 delta) d(delta) d(psi) about R.
+dV = 2 sin(2 delta) d(delta) d(psi) about R. The angle between R and V, in slopes, is
+2 asin(sin(delta) sqrt(c^2 + s^2 cos^2(psi))), c and s being cosine and sine of theta.
 """
 
 from __future__ import annotations
@@ -36,7 +37,14 @@ import numpy as np
 
 from albedo._compile import kernel
 
-KINDS = {"slope": 0, "mirror": 1, "retro": 2, "mirror_hemisphere": 3, "retro_hemisphere": 4}
+KINDS = {
+    "slope": 0,
+    "mirror": 1,
+    "retro": 2,
+    "mirror_hemisphere": 3,
+    "retro_hemisphere": 4,
+    "mirror_in_slopes": 5,
+}
 KINKS = {"none": 0, "max": 1, "v_cavity": 2}
 DECAYS = {"algebraic": 0, "gaussian": 1, "cosine_power": 2}
 
@@ -44,6 +52,8 @@ DECAYS = {"algebraic": 0, "gaussian": 1, "cosine_power": 2}
 _THINNEST_LAYER = 1e-17
 # Below this cosine of incidence the layer n.v ~ n.l along the horizon gets a panel of its own.
 _LAYERED_EDGE = 0.05
+# Power that clusters nodes at a corner where a kink, or the lobe's end, meets an edge with a root.
+_CORNER = 2
 
 
 @dataclass(frozen=True)
@@ -52,9 +62,10 @@ class PolarChart:
 
     Parameters
     ----------
-    kind : {"slope", "mirror", "retro", "mirror_hemisphere", "retro_hemisphere"}
+    kind : {"slope", "mirror", "retro", "mirror_hemisphere", "retro_hemisphere", "mirror_in_slopes"}
         Coordinates: slopes of H; angles about R or L, up to 90 degrees from it; or the same over
-        the whole hemisphere.
+        the whole hemisphere; or slopes of H for a lobe about R whose width depends on the azimuth
+        of H.
     kinks : {"none", "max", "v_cavity"}
         Curves at which the integrand has a kink.
     decay : {"algebraic", "gaussian", "cosine_power"}
@@ -103,11 +114,12 @@ class PolarChart:
             What `nodes` needs of each row.
         row : ndarray of int, shape (m,)
             Row to which each panel belongs.
-        code : ndarray of int, shape (m, 5)
+        code : ndarray of int, shape (m, 6)
             Quadrant, index of the inner panel, number of inner panels (negative when the last
-            is graded towards the horizon), multiplicity, arrangement of the kinks.
-        box : ndarray, shape (m, 4)
-            u0, u1, v0, v1: the panel in the chart's own coordinates.
+            is graded towards the horizon), multiplicity, arrangement of the kinks, power p of u.
+        box : ndarray, shape (m, 6)
+            u0, u1, v0, v1: the panel in the chart's own coordinates, and two values a and z of the
+            azimuthal coordinate, which is a + (z - a) u^p.
         """
         c = cos_theta
         s = np.sqrt((1 - c) * (1 + c))
@@ -128,13 +140,13 @@ class PolarChart:
             )
         )
         quadrants = 2 if isotropic else 4
-        row, code, box = _panels(geometry, quadrants, coarse, *self._structure)
+        row, code, box = _panels(geometry, quadrants, coarse, *self._structure, self.edge)
         return geometry, row, code, box
 
     def _grades_edge(self, c: np.ndarray, width: np.ndarray) -> np.ndarray:
         """1 where the lobe reaches the horizon and n.v = n.l lies in a thin layer along it."""
         whole = DECAYS[self.decay] == 0 or (width > 0.1)
-        reaches = self.kind not in ("mirror", "retro") and not self.full
+        reaches = self.kind in ("slope", "mirror_hemisphere", "retro_hemisphere") and not self.full
         return np.where((c < _LAYERED_EDGE) & whole & reaches, 1.0, 0.0)
 
     @property
@@ -200,7 +212,7 @@ def _azimuth(g, quadrant, u):
 
 
 @kernel
-def _breaks(big_t, width, kind, kinks, decay, full, b):
+def _breaks(c, big_t, width, kind, kinks, decay, full, b):
     """Fill b with tan(delta/2) at the ends of the inner panels.
 
     Returns the number of panels, and a number that tells the arrangements of ends apart.
@@ -208,7 +220,8 @@ def _breaks(big_t, width, kind, kinks, decay, full, b):
     g = math.atan2(1.0, -big_t)  # pi/2 + beta
     n = 0
     b[0] = 0.0
-    if kinks == 1 and big_t > 0.0 and (kind == 0 or big_t < 1.0):
+    slopes = kind == 0 or kind == 5
+    if kinks == 1 and big_t > 0.0 and (slopes or big_t < 1.0):
         n = 1
         b[1] = math.tan(0.5 * math.atan(big_t))
     elif kinks == 2 and big_t > 1.0:
@@ -241,6 +254,12 @@ def _breaks(big_t, width, kind, kinks, decay, full, b):
     r = math.inf
     if decay == 1:
         r = math.sqrt(reach) * width
+    elif kind == 5:
+        # Where the power is cut, or ends: sin(angle(R, V)/2) is sin(delta) sqrt(c^2 + s^2 cos^2).
+        q = math.sqrt(-0.5 * math.expm1(-2.0 * reach * width * width))
+        q = q / (c * math.sqrt(1.0 + big_t * big_t))
+        if q < 1.0:
+            r = q / math.sqrt((1.0 - q) * (1.0 + q))
     elif decay == 2 and kind == 0 and width < 0.1:
         r = math.sqrt(math.expm1(reach * width * width))
     elif decay == 2 and kind != 0 and width < 0.05:
@@ -251,7 +270,7 @@ def _breaks(big_t, width, kind, kinks, decay, full, b):
         if b[j] > cut:
             b[j] = cut
             moved += 1 << j
-    core = 3.0 * width
+    core = 2.0 * width
     if decay == 0 and core < b[n]:
         # The core of a heavy-tailed lobe is a panel of its own, the same for every psi.
         j = n
@@ -265,8 +284,11 @@ def _breaks(big_t, width, kind, kinks, decay, full, b):
 
 
 @kernel
-def _scale(width, decay):
+def _scale(c, big_t, width, kind, decay):
     """Scale of the radial stretch, in tan(delta/2): measured to need the fewest nodes."""
+    if kind == 5:
+        t = width / (c * math.sqrt(1.0 + big_t * big_t))
+        return t / math.sqrt(1.0 + t * t)
     return min(width, 1.0) * (0.5 if decay == 0 else 1.0)
 
 
@@ -276,7 +298,7 @@ def _edge_layer(big_t, c, width):
 
     Masking sets in where n.v falls below the width of the lobe.
     """
-    return max(0.5 * min(1.0, width / c) / math.sqrt(1.0 + big_t * big_t), 1e-17)
+    return max(0.5 * width / math.hypot(width, c) / math.sqrt(1.0 + big_t * big_t), 1e-17)
 
 
 @kernel
@@ -303,19 +325,26 @@ def _split_horizon(b, n, big_t):
 def _pattern(g, quadrant, u, kind, kinks, decay, full, b):
     """Which arrangement of ends `_breaks` finds at u."""
     cos_psi, _, width, _ = _azimuth(g, quadrant, u)
-    return _breaks(g[1] / g[0] * cos_psi, width, kind, kinks, decay, full, b)[1]
+    return _breaks(g[0], g[1] / g[0] * cos_psi, width, kind, kinks, decay, full, b)[1]
 
 
 @kernel
-def _panels(geometry, quadrants, coarse, kind, kinks, decay, full):
+def _among(x, values, count):
+    """Whether x is one of the first values."""
+    return np.any(values[:count] == x)
+
+
+@kernel
+def _panels(geometry, quadrants, coarse, kind, kinks, decay, full, edge):
     """All non-empty panels: outer cuts at equal e-folds, at T = 1 and where the lobe's cut
     meets a kink; inner ones at the kinks."""
     rows = geometry.shape[0]
     room = rows * quadrants * 24 + 64
     row = np.empty(room, np.int64)
-    code = np.empty((room, 5), np.int64)
-    box = np.empty((room, 4), np.float64)
+    code = np.empty((room, 6), np.int64)
+    box = np.empty((room, 6), np.float64)
     cuts = np.empty(160)
+    corner = np.empty(160)
     b = np.empty(12)
     size = np.empty(12)
     span = np.empty(12)
@@ -330,6 +359,7 @@ def _panels(geometry, quadrants, coarse, kind, kinks, decay, full):
             m = steps + 1
             for k in range(m):
                 cuts[k] = end * k / steps
+            corners = 0
             if s > c and kinks != 0 and quadrant % 2 == 0 and not coarse:
                 tail = math.sqrt((s - c) * (s + c)) / c * slant
                 along = wy * sa * cp - wx * ca * sp
@@ -341,6 +371,9 @@ def _panels(geometry, quadrants, coarse, kind, kinks, decay, full):
                 for d in (near, math.pi - far):
                     if 0.0 < d < 0.5 * math.pi:
                         cuts[m] = math.asinh(d / layer)
+                        if kinks == 1 and kind != 0 and kind != 5 and edge > 1:
+                            corner[corners] = cuts[m]
+                            corners += 1
                         m += 1
                 cuts[:m].sort()
             if not coarse:
@@ -362,11 +395,21 @@ def _panels(geometry, quadrants, coarse, kind, kinks, decay, full):
                                 else:
                                     right = middle
                             cuts[m] = 0.5 * (left + right)
+                            if kind == 5 and edge > 1:
+                                corner[corners] = cuts[m]
+                                corners += 1
                             m += 1
                             # There may be a second change before the next probe.
                             low = right
                             before = _pattern(g, quadrant, right, kind, kinks, decay, full, b)
                         low = high
+                cuts[:m].sort()
+                known = m
+                for k in range(known - 1):
+                    # A panel is graded towards one end only.
+                    if _among(cuts[k], corner, corners) and _among(cuts[k + 1], corner, corners):
+                        cuts[m] = 0.5 * (cuts[k] + cuts[k + 1])
+                        m += 1
                 cuts[:m].sort()
             for k in range(m - 1):
                 u0, u1 = cuts[k], cuts[k + 1]
@@ -383,8 +426,8 @@ def _panels(geometry, quadrants, coarse, kind, kinks, decay, full):
                     u = u0 + (0.02 + 0.96 * f / (samples - 1)) * (u1 - u0)
                     cos_psi, _, width, _ = _azimuth(g, quadrant, u)
                     big_t = s / c * cos_psi
-                    inner, pattern = _breaks(big_t, width, kind, kinks, decay, full, b)
-                    scale = _scale(width, decay)
+                    inner, pattern = _breaks(c, big_t, width, kind, kinks, decay, full, b)
+                    scale = _scale(c, big_t, width, kind, decay)
                     tail = decay == 0 and pattern % 256 > 0
                     graded = not coarse and (layered or (tail and not full))
                     edge_panel = -1
@@ -427,10 +470,21 @@ def _panels(geometry, quadrants, coarse, kind, kinks, decay, full):
                         # A cut that moves unnoticed costs smoothness, but no energy.
                         whole = coarse or (decay != 0 and not pruned)
                         code[count, 4] = -1 if whole else pattern
+                        code[count, 5] = 1
                         box[count, 0] = u0
                         box[count, 1] = u1
                         box[count, 2] = piece / pieces
                         box[count, 3] = (piece + 1) / pieces
+                        box[count, 4] = 0.0
+                        box[count, 5] = 1.0
+                        at_start = _among(u0, corner, corners)
+                        if (inner > 1 or kind == 5) and (at_start or _among(u1, corner, corners)):
+                            # Panels shrink to a point in an edge where the integrand has a root.
+                            code[count, 5] = _CORNER
+                            box[count, 0] = 0.0
+                            box[count, 1] = 1.0
+                            box[count, 4] = u0 if at_start else u1
+                            box[count, 5] = u1 if at_start else u0
                         count += 1
     return row[:count].copy(), code[:count].copy(), box[:count].copy()
 
@@ -447,17 +501,21 @@ def _nodes(geometry, code, box, u, v, kind, kinks, decay, full, edge, origin, wi
         wi[2, k] = c
         quadrant, j, inner = code[k, 0], code[k, 1], abs(code[k, 2])
         graded = code[k, 2] < 0
-        u0, u1, v0, v1 = box[k]
+        u0, u1, v0, v1, corner, far = box[k]
+        power = code[k, 5]
         front = quadrant % 2 == 0
         from_origin = origin > 1 and j == 0 and c < 0.1 and front
         # At grazing incidence the kink n.v = n.l lies close to the horizon.
         last = inner - 1 if not graded else (0 if kinks == 1 and inner == 3 else -1)
         to_edge = edge > 1 and j == last
         for iu in range(u.size):
-            cos_psi, sin_psi, width, turn = _azimuth(g, quadrant, u0 + (u1 - u0) * u[iu])
+            place = u0 + (u1 - u0) * u[iu]
+            slope = power * abs(far - corner) * place ** (power - 1)
+            place = corner + (far - corner) * place**power
+            cos_psi, sin_psi, width, turn = _azimuth(g, quadrant, place)
             big_t = s / c * cos_psi
-            found, pattern = _breaks(big_t, width, kind, kinks, decay, full, b)
-            scale = _scale(width, decay)
+            found, pattern = _breaks(c, big_t, width, kind, kinks, decay, full, b)
+            scale = _scale(c, big_t, width, kind, decay)
             # A panel that is not what it was taken for: better no value than a wrong one.
             sound = 1.0 if pattern == code[k, 4] or code[k, 4] < 0 else math.nan
             edge_panel = -1
@@ -476,7 +534,7 @@ def _nodes(geometry, code, box, u, v, kind, kinks, decay, full, edge, origin, wi
             else:
                 s0 = math.asinh(b[j] / scale)
                 s1 = math.asinh(b[j + 1] / scale)
-            outer = code[k, 3] * turn * (u1 - u0) * (v1 - v0)
+            outer = code[k, 3] * turn * slope * (u1 - u0) * (v1 - v0) * abs(s1 - s0)
             for iv in range(v.size):
                 x = v0 + (v1 - v0) * v[iv]
                 stretch = 1.0
@@ -486,20 +544,27 @@ def _nodes(geometry, code, box, u, v, kind, kinks, decay, full, edge, origin, wi
                 elif to_edge:
                     stretch = edge * (1.0 - x) ** (edge - 1)
                     x = 1.0 - (1.0 - x) ** edge
+                # tan(delta/2) = t = scale sinh(s), with e = exp(s), a = e t: one division in all.
                 e = math.exp(s0 + (s1 - s0) * x)
-                t = 0.5 * scale * (e - 1.0 / e)
-                jac = outer * stretch * abs(s1 - s0) * math.sqrt(scale * scale + t * t)
+                e2 = e * e
+                a = 0.5 * scale * (e2 - 1.0)
+                jac = outer * stretch * 0.5 * scale * (e2 + 1.0)
                 if at_edge:
-                    t = b[j + 1] - t
-                half = 2.0 / (1.0 + t * t)
-                sin_delta = t * half
-                cos_delta = half - 1.0 if t < 0.5 else 0.5 * (1.0 - t) * (1.0 + t) * half
-                jac *= half
+                    t = b[j + 1] - a / e
+                    half = 2.0 / (1.0 + t * t)
+                    sin_delta = t * half
+                    cos_delta = 0.5 * (1.0 - t) * (1.0 + t) * half
+                    jac *= half / e
+                else:
+                    inverse = 1.0 / (e2 + a * a)
+                    sin_delta = 2.0 * a * e * inverse
+                    cos_delta = (e - a) * (e + a) * inverse
+                    jac *= 2.0 * e * inverse
                 n_dot_l = c
                 sin_2 = 2.0 * sin_delta * cos_delta
                 two_sin2 = 2.0 * sin_delta * sin_delta
                 n_dot_v = c * (1.0 - two_sin2) + s * cos_psi * sin_2
-                if kind == 0:
+                if kind == 0 or kind == 5:
                     l_dot_h = c * cos_delta + s * cos_psi * sin_delta
                     hx = 2.0 * l_dot_h * sin_delta * cos_psi
                     hy = 2.0 * l_dot_h * sin_delta * sin_psi

@@ -4,9 +4,11 @@ A *row* is one integral: a direction of incidence and a set of parameters. Each 
 *cells*, at first the panels of its chart; on a cell stands a tensor Gauss-Legendre rule whose
 order is chosen per direction. The error of a cell is the sum of the errors of the two marginals,
 each read from the fall of its Legendre spectrum (`albedo.integrators.rules`). Where that is too
-large the order is raised to what the fall promises, or the cell is cut in two. Whenever a cell is
-computed again the new value audits the old bound: a bound that was too small makes all bounds of
-the row larger by the same factor.
+large the order is raised to what the fall promises, or the cell is cut in two.
+
+Whenever a cell is computed again, what moved is a measurement of the old error. It serves twice:
+the new bound need not be larger than a few times of it, and must not claim a faster fall than
+geometric; and if it exceeds the old bound, all bounds of the row grow by the same factor.
 """
 
 from __future__ import annotations
@@ -17,7 +19,8 @@ from typing import Protocol
 
 import numpy as np
 
-from albedo.integrators.rules import LADDER, gauss, spectrum_bound
+from albedo._compile import kernel
+from albedo.integrators.rules import LADDER, bounds_of, gauss
 
 Integrand = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
@@ -31,6 +34,14 @@ _ROUNDINGS = 40.0
 _ROUNDS = 60
 _UNSELECTED = 1
 _GROWTH = 0.65
+# First Legendre moments of both marginals, compared when a cell is computed again: several
+# numbers, because the value alone may happen to agree.
+_MOMENTS = 4
+# What moved, times this, bounds the error of the finer rule, and the fall that it may claim.
+_TRUST = 8.0
+# A marginal of which one node carries more than this share has not been seen: a spike may stand
+# beside it. The share that may hide is a number that no tolerance can live with.
+_LONE, _HIDDEN = 0.99, 1e9
 
 
 class Chart(Protocol):
@@ -77,6 +88,14 @@ class _Cells:
     error: np.ndarray  # (m, 2) bounds along u and v, to stop on
     tight: np.ndarray  # (m,) their sum, to report where nothing was stopped on it
     size: np.ndarray  # integral of the modulus
+    moments: np.ndarray  # (m, 2, _MOMENTS) first Legendre coefficients of the marginals
+
+    @classmethod
+    def blank(cls, row: np.ndarray, code: np.ndarray, box: np.ndarray, order: np.ndarray) -> _Cells:
+        """Cells that are still to be evaluated."""
+        m = row.size
+        empty = np.zeros(m), np.zeros((m, 2)), np.zeros(m), np.zeros(m), np.zeros((m, 2, _MOMENTS))
+        return cls(row, code, box, order, *empty)
 
     def take(self, keep: np.ndarray) -> _Cells:
         return _Cells(*(getattr(self, f)[keep] for f in self.__dataclass_fields__))
@@ -142,7 +161,7 @@ def integrate(
     if order == start:
         # The core of a lobe (inner panel 0) is steeper along v than along u.
         first += np.where((code[:, 1] == 0)[:, None], (-2, 4), (-2, 0))
-    cells = _Cells(row, code, box, first, np.zeros(m), np.zeros((m, 2)), np.zeros(m), np.zeros(m))
+    cells = _Cells.blank(row, code, box, first)
     spent = np.bincount(row, weights=first.prod(1), minlength=n).astype(int)
     _evaluate(chart, integrand, geometry, cells)
     active = np.ones(n, dtype=bool)
@@ -229,17 +248,67 @@ def _evaluate(chart: Chart, integrand: Integrand, geometry: np.ndarray, cells: _
                 geometry[row], cells.code[block], cells.box[block], rule_u.nodes, rule_v.nodes
             )
             f = integrand(row, wi, wo, h)
-            f *= weight
-            f = f.reshape(block.size, p, q)
-            along_u = f @ rule_v.weights
-            along_v = np.matmul(rule_u.weights, f)
-            cells.value[block] = along_u @ rule_u.weights
-            bound_u = spectrum_bound(along_u @ rule_u.to_coefficients)
-            bound_v = spectrum_bound(along_v @ rule_v.to_coefficients)
-            cells.error[block, 0], cells.error[block, 1] = bound_u[:, 0], bound_v[:, 0]
-            cells.tight[block] = bound_u[:, 1] + bound_v[:, 1]
-            np.abs(f, out=f)
-            cells.size[block] = f @ rule_v.weights @ rule_u.weights
+            found = _reduce(
+                *(f, weight, rule_u.weights, rule_v.weights),
+                *(rule_u.to_coefficients, rule_v.to_coefficients),
+            )
+            for name, values in zip(_MEASURED, found, strict=True):
+                getattr(cells, name)[block] = values
+
+
+_MEASURED = ("value", "error", "tight", "size", "moments")
+
+
+@kernel
+def _judge(along, weights, to_coefficients, spectrum):
+    """Fill the spectrum of a marginal; return its two bounds."""
+    p = along.size
+    for k in range(p):
+        total = 0.0
+        for i in range(p):
+            total += along[i] * to_coefficients[i, k]
+        spectrum[k] = total
+    stop, report = bounds_of(spectrum[:p])
+    seen = most = 0.0
+    for i in range(p):
+        part = abs(along[i]) * weights[i]
+        seen += part
+        most = max(most, part)
+    if most > _LONE * seen:
+        stop, report = max(stop, _HIDDEN * seen), max(report, _HIDDEN * seen)
+    return stop, report
+
+
+@kernel
+def _reduce(f, weight, weights_u, weights_v, to_u, to_v):
+    """Value, error, tight, size and moments of cells, from the values at their nodes."""
+    m, p, q = f.shape[0], weights_u.size, weights_v.size
+    value, error, tight, size = np.empty(m), np.empty((m, 2)), np.empty(m), np.empty(m)
+    moments = np.zeros((m, 2, _MOMENTS))
+    along_u, along_v = np.empty(p), np.empty(q)
+    spectrum = np.empty(max(p, q))
+    for k in range(m):
+        along_v[:] = 0.0
+        modulus = 0.0
+        for i in range(p):
+            total = absolute = 0.0
+            for j in range(q):
+                x = f[k, i * q + j] * weight[k, i * q + j]
+                total += x * weights_v[j]
+                absolute += abs(x) * weights_v[j]
+                along_v[j] += x * weights_u[i]
+            along_u[i] = total
+            modulus += absolute * weights_u[i]
+        size[k] = modulus
+        error[k, 0], report = _judge(along_u, weights_u, to_u, spectrum)
+        value[k] = spectrum[0]
+        for j in range(min(p, _MOMENTS)):
+            moments[k, 0, j] = spectrum[j]
+        error[k, 1], other = _judge(along_v, weights_v, to_v, spectrum)
+        for j in range(min(q, _MOMENTS)):
+            moments[k, 1, j] = spectrum[j]
+        tight[k] = report + other
+    return value, error, tight, size, moments
 
 
 @dataclass
@@ -266,12 +335,8 @@ class _Work:
         middle = 0.5 * (box[first, column] + box[first, column + 1])
         box[first, column + 1] = middle
         box[second, column] = middle
-        m = source.size
         order = np.concatenate((self.order, self.order[first]))
-        return _Cells(
-            *(cells.row[source], cells.code[source], box, order),
-            *(np.zeros(m), np.zeros((m, 2)), np.zeros(m), np.zeros(m)),
-        )
+        return _Cells.blank(cells.row[source], cells.code[source], box, order)
 
 
 def _plan(cells: _Cells, allowed: np.ndarray, active: np.ndarray, n: int) -> _Work:
@@ -299,7 +364,7 @@ def _plan(cells: _Cells, allowed: np.ndarray, active: np.ndarray, n: int) -> _Wo
     wanted = np.where(error > goal, np.maximum(wanted, old + 2), old)
     wanted = np.where(np.isfinite(wanted), wanted, 1e9)
     order = np.maximum(_rung(wanted), old)
-    hopeless = (wanted > np.where(old < 20, 2.0, 1.25) * _TOP) | ((old >= _TOP) & (error > goal))
+    hopeless = (wanted > np.where(old < 20, 1.5, 1.1) * _TOP) | ((old >= _TOP) & (error > goal))
     worst = np.argmax(np.where(hopeless, error, -1.0), axis=1)
     cut = np.where(hopeless.any(1), worst, -1)
     # A half needs fewer nodes along the cut, and what was planned across it.
@@ -308,7 +373,7 @@ def _plan(cells: _Cells, allowed: np.ndarray, active: np.ndarray, n: int) -> _Wo
     spare = (cut >= 0) & (error[one, across] < 1e-3 * goal[:, 0])
     fewer = np.minimum(_rung(np.clip(enough[one, across], 10, _TOP)), old[one, across])
     order[one, across] = np.where(spare, fewer, order[one, across])
-    order[one, worst] = np.where(cut >= 0, np.clip(old[one, worst], 8, 16), order[one, worst])
+    order[one, worst] = np.where(cut >= 0, np.clip(old[one, worst], 8, 20), order[one, worst])
     return _Work(parent, order, cut)
 
 
@@ -317,20 +382,67 @@ def _rung(wanted: np.ndarray) -> np.ndarray:
     return _LADDER[np.minimum(np.searchsorted(_LADDER, wanted), _LADDER.size - 1)]
 
 
-def _audit(cells: _Cells, children: _Cells, work: _Work, doubt: np.ndarray) -> np.ndarray:
-    """Raise the doubt of rows in which a value moved by more than its bound."""
-    new = children.value[: work.parent.size].copy()
-    slack = children.error[: work.parent.size].sum(1)
+def _halves() -> tuple[np.ndarray, np.ndarray]:
+    """Matrices that give the moments of a cell from those of its two halves."""
+    degrees = 2.0 * np.arange(_MOMENTS) + 1.0
+    basis = np.polynomial.legendre.Legendre.basis
+    middle = np.polynomial.legendre.Legendre.identity()
+    matrices = []
+    for side in (-0.5, 0.5):
+        # P_k of the whole, written in the polynomials of the half.
+        whole = [basis(k)(0.5 * middle + side).coef for k in range(_MOMENTS)]
+        square = np.array([np.pad(row, (0, _MOMENTS - row.size)) for row in whole])
+        matrices.append((square / degrees * degrees[:, None]).T)
+    return matrices[0], matrices[1]
+
+
+_LEFT, _RIGHT = _halves()
+
+
+def _moved(old: _Cells, children: _Cells, work: _Work) -> np.ndarray:
+    """How far the moments of cells moved when they were computed again: the old error."""
+    m = work.parent.size
+    new = children.moments[:m].copy()
     second = np.flatnonzero(work.cut >= 0)
-    new[second] += children.value[work.parent.size :]
-    slack[second] += children.error[work.parent.size :].sum(1)
+    for d in (0, 1):
+        here = work.cut[second] == d
+        both, upper = second[here], children.moments[m:][here]
+        new[both, 1 - d] += upper[:, 1 - d]
+        new[both, d] = new[both, d] @ _LEFT + upper[:, d] @ _RIGHT
+    moved: np.ndarray = np.abs(new - old.moments).max(axis=(1, 2))
+    return moved
+
+
+def _audit(cells: _Cells, children: _Cells, work: _Work, doubt: np.ndarray) -> np.ndarray:
+    """Judge old bounds and new ones by what moved; return the doubt of every row."""
+    m = work.parent.size
     old = cells.take(work.parent)
-    moved = np.abs(new - old.value) - slack - _ROUNDINGS * _EPS * old.size
+    second = np.flatnonzero(work.cut >= 0)
+    new, slack = children.value[:m].copy(), children.error[:m].sum(1)
+    new[second] += children.value[m:]
+    slack[second] += children.error[m:].sum(1)
+    # A bound that was passed makes all bounds of its row doubtful.
+    excess = np.abs(new - old.value) - slack - _ROUNDINGS * _EPS * old.size
     bound = np.maximum(old.error.sum(1), 1e-300)
-    ratio = np.where(moved > bound, moved / bound, 1.0)
-    ratio = np.where(moved > 1e-13 * np.abs(old.size), ratio, 1.0)
+    passed = (excess > bound) & (excess > 1e-13 * old.size)
     doubt = doubt.copy()
-    np.maximum.at(doubt, old.row, np.minimum(ratio, 1e6))
+    np.maximum.at(doubt, old.row[passed], np.minimum(excess / bound, 1e6)[passed])
+    moved = _moved(old, children, work)
+    # Along a direction that became finer, the new error is not worse than the old one was.
+    finer = work.order >= 1.2 * old.order
+    finer[second, work.cut[second]] = True
+    most = np.where(finer, _TRUST * moved[:, None], np.inf)
+    np.minimum(children.error[:m], most, out=children.error[:m])
+    np.minimum(children.error[m:], most[second], out=children.error[m:])
+    # A geometric fall takes the error e of p nodes to e^(q/p) for q nodes.
+    growth = work.order / old.order
+    growth = np.where(growth > 1.0, growth, np.inf).min(1)
+    share = np.minimum(moved / np.maximum(old.size, 1e-300), 1.0)
+    raised = (work.cut < 0) & np.isfinite(growth)
+    least = np.where(raised, _TRUST * moved * share ** np.where(raised, growth - 1.0, 0.0), 0.0)
+    one, worst = np.arange(m), children.error[:m].argmax(1)
+    children.error[one, worst] += np.maximum(least - children.error[:m].sum(1), 0.0)
+    children.tight[:m] = np.maximum(children.tight[:m], least)
     return doubt
 
 

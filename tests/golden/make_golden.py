@@ -1709,6 +1709,9 @@ def _anisotropic() -> Iterator[Row]:
     yield from turning(models, (0.9, 0.5, 0.1, 1e-3), phis)
     models = [f"max_phong_anisotropic:n_u={u},n_v={v}" for u, v in (("10", "40"), ("100", "20"))]
     yield from turning(models, (1.0, 0.7, 0.3, 0.03), phis)
+    exponents = (("5", "1000"), ("400", "4"), ("2000", "100"), ("0.7", "0.9"))
+    models = [f"max_phong_anisotropic:n_u={u},n_v={v}" for u, v in exponents]
+    yield from turning(models, (0.9, 0.5, 0.1, 0.02), phis)
 
 
 def _he_torrance() -> Iterator[Row]:

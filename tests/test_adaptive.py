@@ -1,0 +1,128 @@
+"""The integrator alone, on a unit square: what moved, what is refined, what cannot be seen."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from albedo.integrators import adaptive
+from albedo.integrators.adaptive import Result, integrate
+
+Surface = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+class Square:
+    """A chart whose coordinates are those of the plane; wo carries them."""
+
+    def panels(
+        self,
+        cos_theta: np.ndarray,
+        phi: object,
+        widths: object,
+        isotropic: bool,
+        coarse: bool = False,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        n = cos_theta.size
+        box = np.tile([0.0, 1.0, 0.0, 1.0], (n, 1))
+        return np.empty((n, 0)), np.arange(n), np.ones((n, 4), dtype=int), box
+
+    def nodes(
+        self, geometry: np.ndarray, code: np.ndarray, box: np.ndarray, u: np.ndarray, v: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        m, count = box.shape[0], u.size * v.size
+        wide, high = box[:, 1] - box[:, 0], box[:, 3] - box[:, 2]
+        wo = np.zeros((3, m, count))
+        wo[0] = np.repeat(box[:, :1] + wide[:, None] * u, v.size, axis=1)
+        wo[1] = np.tile(box[:, 2:3] + high[:, None] * v, (1, u.size))
+        weight = np.repeat((wide * high)[:, None], count, axis=1)
+        return np.ones((3, m)), wo, np.ones_like(wo), weight
+
+
+def over_square(surface: Surface, rtol: float = 1e-8, limit: int = 400_000) -> Result:
+    return integrate(
+        *(Square(), lambda row, wi, wo, h: surface(wo[0], wo[1]), np.ones(1), np.zeros(1)),
+        *(np.ones((1, 2)), True),
+        rtol=rtol,
+        atol=0.0,
+        limit=limit,
+    )
+
+
+@pytest.mark.parametrize("rtol", [1e-3, 1e-8, 1e-12])
+@pytest.mark.parametrize(
+    ("surface", "exact"),
+    [
+        (lambda u, v: np.exp(u - v), (math.e - 1.0) * (1.0 - 1.0 / math.e)),
+        (
+            lambda u, v: 1.0 / (u + v + 0.01),
+            2.01 * math.log(2.01) - 2.02 * math.log(1.01) + 0.01 * math.log(0.01),
+        ),
+        (lambda u, v: np.sqrt(u) * np.cbrt(v), 0.5),
+        (lambda u, v: np.abs(u - 0.3141) * v, 0.25 * (0.3141**2 + 0.6859**2)),
+        (lambda u, v: np.maximum(u, v), 2.0 / 3.0),
+        (lambda u, v: np.exp(-(((u - 0.7) ** 2 + (v - 0.2) ** 2) / 1e-4)), math.pi * 1e-4),
+    ],
+    ids=["exponential", "pole", "roots", "kink", "diagonal kink", "spike"],
+)
+def test_bounds_hold_on_the_square(surface: Surface, exact: float, rtol: float) -> None:
+    found = over_square(surface, rtol, 4_000_000)
+    # The spike's tails beyond the square weigh 1e-174; the closed forms cancel a digit.
+    assert abs(found.value[0] - exact) <= found.error[0] + 1e-15 * max(exact, 0.1)
+    # A kink across all cells costs too much for the last digits, and says so.
+    assert found.converged[0] == (found.error[0] <= rtol * abs(found.value[0]))
+    if rtol > 1e-12:
+        assert found.converged[0]
+
+
+def test_a_cell_that_one_node_sees_has_no_bound() -> None:
+    """All of a spike at a corner but its foot is between the first node and the edge."""
+
+    def corner(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return np.exp(-300.0 * (u + v))
+
+    found = over_square(corner, limit=64)
+    exact = 1.0 / 300.0**2
+    assert not found.converged[0]
+    assert found.value[0] < 0.1 * exact
+    assert found.error[0] >= exact
+
+
+def test_what_moved_is_zero_where_nothing_moved(rng: np.random.Generator) -> None:
+    """Moments of halves add up to those of the whole, for polynomials that all rules integrate."""
+    p = np.polynomial.Polynomial(rng.standard_normal(5))
+    q = np.polynomial.Polynomial(rng.standard_normal(5))
+    chart = Square()
+    geometry, row, code, box = chart.panels(np.ones(3), None, None, True)
+    cells = adaptive._Cells.blank(row, code, box, np.full((3, 2), 8))
+
+    def surface(row: np.ndarray, wi: np.ndarray, wo: np.ndarray, h: np.ndarray) -> np.ndarray:
+        return p(wo[0]) * q(wo[1])
+
+    adaptive._evaluate(chart, surface, geometry, cells)
+    work = adaptive._Work(np.arange(3), np.full((3, 2), 8), np.array([-1, 0, 1]))
+    children = work.children(cells)
+    adaptive._evaluate(chart, surface, geometry, children)
+    # Sums of 64 terms of size one, and a matrix of four.
+    np.testing.assert_allclose(adaptive._moved(cells, children, work), 0.0, atol=1e-13)
+    children.moments[1, 0, 2] += 1e-6
+    assert adaptive._moved(cells, children, work)[1] > 1e-8
+
+
+def test_a_bound_that_was_passed_raises_the_doubt() -> None:
+    cells = adaptive._Cells.blank(
+        *(np.zeros(1, dtype=int), np.ones((1, 4), dtype=int)),
+        *(np.array([[0.0, 1.0, 0.0, 1.0]]), np.full((1, 2), 8)),
+    )
+    cells.value[:], cells.size[:], cells.error[:] = 1.0, 1.0, 1e-9
+    work = adaptive._Work(np.zeros(1, dtype=int), np.full((1, 2), 16), np.array([-1]))
+    children = work.children(cells)
+    children.value[:], children.size[:] = 1.0 + 2e-8, 1.0
+    children.moments[:, :, 0] = 2e-8
+    doubt = adaptive._audit(cells, children, work, np.ones(1))
+    # The value moved ten times farther than the 2e-9 that both directions allowed.
+    assert doubt[0] == pytest.approx(10.0, rel=1e-3)
+    # A geometric fall makes 4e-16 of 2e-8 when the order doubles: eight times of that is the least.
+    assert children.error[0].sum() == pytest.approx(8 * 2e-8 * 2e-8, rel=1e-9)
