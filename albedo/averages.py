@@ -35,6 +35,7 @@ class _Incidence:
         widths: np.ndarray,
         isotropic: bool,
         coarse: bool = False,
+        fine: bool = False,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         edges = np.log([1.0, math.sqrt(0.5), 0.2, 0.03, 1e-3, 1e-5, _LOWEST])
         turns = [0.0, 1.0] if isotropic else np.linspace(0.0, 1.0, 5)

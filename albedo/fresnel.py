@@ -23,7 +23,7 @@ def schlick(f0, u):
 @kernel
 def dielectric(n, u):
     """Exact equations for a real relative index n (Cook and Torrance 1982, sect. 2)."""
-    g2 = n * n - (1.0 - u) * (1.0 + u)
+    g2 = (n - 1.0) * (n + 1.0) + u * u
     if g2 <= 0.0:
         return 1.0
     g = math.sqrt(g2)
@@ -36,7 +36,7 @@ def dielectric(n, u):
 def conductor(n, k, u):
     """Exact equations for a complex index n - ik (Schwenk, eqs. 10 to 12)."""
     s2 = (1.0 - u) * (1.0 + u)
-    t0 = n * n - k * k - s2
+    t0 = (n - 1.0) * (n + 1.0) - k * k + u * u
     q = math.sqrt(t0 * t0 + 4.0 * n * n * k * k)
     # (q + t0)/2 without cancellation: q^2 - t0^2 = 4 n^2 k^2.
     a = math.sqrt(0.5 * (q + t0)) if t0 > 0.0 else n * k * math.sqrt(2.0 / (q - t0))

@@ -56,7 +56,7 @@ def beckmann_lambda(a):
     if a < 2.5:
         return 0.5 * (e / a - math.erfc(a))
     k = 0.0
-    for i in range(6 + int(120.0 / (a * a)), 0, -1):
+    for i in range(10 + int(250.0 / (a * a)), 0, -1):
         k = 0.5 * i / (a + k)
     return 0.5 * e * k / (a * (a + k))
 

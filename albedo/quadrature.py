@@ -217,27 +217,26 @@ def _rows(
 ) -> Estimate:
     """Sum the parts and spikes of every row; batch the rows whose parts share a structure."""
     n = cos_theta.size
-    distinct = {id(m): m for m in models}
-    prepared = {key: (m.parts(), m.pack(), m.isotropic) for key, m in distinct.items()}
-    keys = [id(m) for m in models]
+    distinct, which = _distinct(models)
+    prepared = [(m.parts(), m.pack(), m.isotropic) for m in distinct]
     batches: dict[Any, list[int]] = {}
-    for i, key in enumerate(keys):
-        parts, _, isotropic = prepared[key]
+    for k, (parts, _, isotropic) in enumerate(prepared):
         structure = (tuple((q.name, q.fill, q.chart) for q in parts), isotropic)
-        batches.setdefault(structure, []).append(i)
+        batches.setdefault(structure, []).append(k)
     value, error, evaluations = np.zeros(n), np.zeros(n), np.zeros(n, dtype=int)
     converged = np.ones(n, dtype=bool)
     contributions: dict[str, Estimate] = {}
     direct = np.zeros(n, dtype=bool)
     for members in batches.values():
-        rows = np.array(members)
-        parts, _, isotropic = prepared[keys[rows[0]]]
+        rows = np.flatnonzero(np.isin(which, members))
+        parts, _, isotropic = prepared[members[0]]
+        place = np.searchsorted(members, which[rows])
         loss = complement and len(parts) == 1 and parts[0].loss is not None and not swap
         direct[rows] = loss
-        p = np.array([prepared[keys[i]][1] for i in rows], dtype=np.float64)
+        p = np.array([prepared[k][1] for k in members], dtype=np.float64)[place]
         share = dict(options, limit=max(16, options["limit"] // max(len(parts), 1)))
         for k, part in enumerate(parts):
-            widths = np.array([prepared[keys[i]][0][k].widths for i in rows])
+            widths = np.array([prepared[j][0][k].widths for j in members])[place]
             result = _part(
                 part, p, cos_theta[rows], phi[rows], widths, isotropic, swap, loss, share
             )
@@ -248,7 +247,7 @@ def _rows(
             piece = contributions.setdefault(part.name, _zeros(n))
             for name in ("value", "error", "evaluations", "converged"):
                 getattr(piece, name)[rows] = getattr(result, name)
-    spike = _spikes(models, cos_theta, phi)
+    spike = _spikes(distinct, which, cos_theta, phi)
     if spike is not None:
         contributions["mirror"] = spike
         value += np.where(direct, -spike.value, spike.value)
@@ -270,13 +269,22 @@ def _zeros(n: int) -> Estimate:
     )
 
 
-def _spikes(models: Sequence[Model], cos_theta: np.ndarray, phi: np.ndarray) -> Estimate | None:
+def _distinct(models: Sequence[Model]) -> tuple[list[Model], np.ndarray]:
+    """The different objects among the models, and which of them each one is."""
+    found = {id(m): m for m in models}
+    number = {key: k for k, key in enumerate(found)}
+    return list(found.values()), np.array([number[id(m)] for m in models], dtype=int)
+
+
+def _spikes(
+    distinct: Sequence[Model], which: np.ndarray, cos_theta: np.ndarray, phi: np.ndarray
+) -> Estimate | None:
     """Energy of the Dirac parts, or None when no model has any."""
     s = np.sqrt((1 - cos_theta) * (1 + cos_theta))
     wi = np.stack((s * np.cos(phi), s * np.sin(phi), cos_theta), axis=-1)
-    total, found = _zeros(len(models)), False
-    for key, model in {id(m): m for m in models}.items():
-        rows = np.array([i for i, m in enumerate(models) if id(m) == key])
+    total, found = _zeros(which.size), False
+    for k, model in enumerate(distinct):
+        rows = np.flatnonzero(which == k)
         _, weights = model.spikes(wi[rows])
         found = found or len(weights) > 0
         total.value[rows] = weights.sum(0)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import xarray
 
 # Most rows in a batch, whatever the number of threads: sums are rounded in the same order.
-_CHUNK = 256
+_CHUNK = 512
 
 
 def table(

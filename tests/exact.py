@@ -57,6 +57,9 @@ def ward_bounded_normal(alpha: float) -> float:
 def _cosine_power(n: Number, mu: Number) -> Number:
     """The integral of cos(psi)^n from -pi/2 to pi/2 - theta, with mu = cos(theta)."""
     half = mp.beta((n + 1) / 2, mp.mpf("0.5")) / 2
+    if (n - 1) * mu * mu > 200:
+        # What lies beyond is exp(-100) of it, and its series would take minutes.
+        return 2 * half
     return half + mp.betainc(mp.mpf("0.5"), (n + 1) / 2, 0, mu * mu) / 2
 
 
@@ -177,7 +180,7 @@ def smith_lambda(name: str, width: tuple[float, float], v: Sequence[Number]) -> 
 # The models
 
 
-def _unit(v: Sequence[float]) -> tuple[Number, ...]:
+def unit(v: Sequence[float]) -> tuple[Number, ...]:
     v = [mp.mpf(float(x)) for x in v]
     length = mp.sqrt(sum(x * x for x in v))
     return tuple(x / length for x in v)
@@ -386,7 +389,7 @@ ORACLES: dict[str, Callable[[Mapping[str, Any], Any, Any], Number]] = {
 
 def brdf(model: Any, wi: Sequence[float], wo: Sequence[float]) -> Number:
     """The finite part of a model for raw directions, whose lengths are made 1 exactly."""
-    return ORACLES[model.name](model.parameters, _unit(wi), _unit(wo))
+    return ORACLES[model.name](model.parameters, unit(wi), unit(wo))
 
 
 def brdf_with_slack(model: Any, wi: np.ndarray, wo: np.ndarray) -> tuple[float, float]:

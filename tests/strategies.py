@@ -29,9 +29,11 @@ azimuths = st.one_of(
 
 
 @st.composite
-def widths(draw: st.DrawFn, low: float = 1e-6, ratio: float = 100.0) -> tuple[float, float]:
+def widths(
+    draw: st.DrawFn, low: float = 1e-6, high: float = 10.0, ratio: float = 100.0
+) -> tuple[float, float]:
     """Widths of a lobe along x and y: equal, or up to `ratio` apart."""
-    wide = draw(decades(low, 1.0))
+    wide = draw(decades(low, high))
     stretch = draw(st.just(1.0) | decades(1.0, ratio))
     pair = wide, max(wide / stretch, low)
     return pair if draw(st.booleans()) else pair[::-1]

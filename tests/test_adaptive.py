@@ -24,6 +24,7 @@ class Square:
         widths: object,
         isotropic: bool,
         coarse: bool = False,
+        fine: bool = False,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         n = cos_theta.size
         box = np.tile([0.0, 1.0, 0.0, 1.0], (n, 1))

@@ -73,7 +73,8 @@ def loss(wi, wo, h, p, out):
                 g2 = 1.0 / rest if geometry == 3 else g1 / rest
                 lost = g1 * lambda_v / rest
             absorbed = (1.0 - fresnel(f_code, f_a, f_b, u)) * g2
-            x, y = hx / hz, hy / hz
+            # Half vectors seen from L reach down to the horizon: their slopes stay numbers.
+            x, y = hx / max(hz, 1e-150), hy / max(hz, 1e-150)
             d = distribution(dist, kx, ky, scale, x * x, y * y)
             out[j, i] = d * (lost + absorbed) / (4.0 * lz)
 
@@ -190,6 +191,8 @@ class CookTorrance(Model):
         kind = decay.get(self.distribution, "cosine_power")
         if self.distribution == "gaussian" and ax < 0.03:
             kind = "gaussian"  # from here on an angle is a slope: the tail may be cut
+        if self.distribution == "beckmann" and max(ax, ay) > 1.0:
+            kind = "algebraic"  # wider than the hemisphere: there is no tail to cut
         kinks = "v_cavity" if self.geometry == "v_cavity" else "none"
         edge = 4 if powers and min(ax, ay) < 16 else 1
         if powers:

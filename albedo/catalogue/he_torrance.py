@@ -95,6 +95,8 @@ def poisson_sum(g, c):
     for _ in range(6):
         m0 -= (m0 * math.log(m0 / g) - c / m0) / (math.log(m0 / g) + 1.0 + c / (m0 * m0))
     step = 0.55 / math.sqrt(1.0 / m0 + 2.0 * c / (m0 * m0 * m0))
+    # A step that m0 can be added to exactly: nodes that are rounded cost sqrt(g) ulps.
+    step = (m0 + step) - m0
     total = 0.0
     for j in range(-17, 20):
         m = m0 + j * step

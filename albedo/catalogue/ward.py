@@ -60,6 +60,7 @@ class Ward(Model):
     def parts(self) -> tuple[Part, ...]:
         # The fast exponent is a Gaussian of the angle: the cut in slopes fits narrow lobes only.
         narrow = max(self.alpha_x, self.alpha_y) < 0.05
-        decay = "gaussian" if self.form == "exact" or narrow else "algebraic"
+        wide = max(self.alpha_x, self.alpha_y) > 1.0
+        decay = "gaussian" if narrow or (self.form == "exact" and not wide) else "algebraic"
         chart = PolarChart("slope", decay=decay, edge=2, origin=3)
         return (Part("specular", fill, chart, (self.alpha_x, self.alpha_y)),)

@@ -44,5 +44,6 @@ class WardBounded(Model):
         return (self.alpha_x**-2, self.alpha_y**-2, scale)
 
     def parts(self) -> tuple[Part, ...]:
-        chart = PolarChart("slope", decay="gaussian", origin=3)
+        decay = "gaussian" if max(self.alpha_x, self.alpha_y) <= 1.0 else "algebraic"
+        chart = PolarChart("slope", decay=decay, origin=3)
         return (Part("specular", fill, chart, (self.alpha_x, self.alpha_y)),)

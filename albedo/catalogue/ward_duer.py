@@ -48,5 +48,6 @@ class WardDuer(Model):
         return (self.alpha_x**-2, self.alpha_y**-2, scale)
 
     def parts(self) -> tuple[Part, ...]:
-        chart = PolarChart("slope", decay="gaussian")
+        decay = "gaussian" if max(self.alpha_x, self.alpha_y) <= 1.0 else "algebraic"
+        chart = PolarChart("slope", decay=decay)
         return (Part("specular", fill, chart, (self.alpha_x, self.alpha_y)),)

@@ -36,6 +36,7 @@ class CosineChart:
         widths: np.ndarray,
         isotropic: bool,
         coarse: bool = False,
+        fine: bool = False,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Panels of every row; see `albedo.charts.polar.PolarChart.panels`."""
         c = cos_theta

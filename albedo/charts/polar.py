@@ -54,6 +54,7 @@ _THINNEST_LAYER = 1e-17
 _LAYERED_EDGE = 0.05
 # Power that clusters nodes at a corner where a kink, or the lobe's end, meets an edge with a root.
 _CORNER = 2
+_EIGHTH = math.tan(0.125 * math.pi)
 
 
 @dataclass(frozen=True)
@@ -94,6 +95,7 @@ class PolarChart:
         widths: np.ndarray,
         isotropic: bool,
         coarse: bool = False,
+        fine: bool = False,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Panels of every row: smooth pieces of the hemisphere.
 
@@ -107,6 +109,8 @@ class PolarChart:
             The integrand is symmetric about the plane of incidence.
         coarse : bool
             One panel per quadrant, kinks inside: for budgets too small for anything better.
+        fine : bool
+            Search more densely for azimuths at which kinks meet: for a row that `nodes` refused.
 
         Returns
         -------
@@ -123,7 +127,8 @@ class PolarChart:
         """
         c = cos_theta
         s = np.sqrt((1 - c) * (1 + c))
-        wx, wy = np.clip(widths, 1e-12, 1.0).T
+        # A Gaussian lobe that is wider than the hemisphere has its cut where it is.
+        wx, wy = np.clip(widths, 1e-12, 100.0 if self.decay == "gaussian" else 1.0).T
         # An isotropic lobe is laid out in the plane of incidence, whatever phi is.
         cp, sp = (np.ones_like(c), np.zeros_like(c)) if isotropic else (np.cos(phi), np.sin(phi))
         norm = np.hypot(sp / wx, cp / wy)
@@ -140,7 +145,7 @@ class PolarChart:
             )
         )
         quadrants = 2 if isotropic else 4
-        row, code, box = _panels(geometry, quadrants, coarse, *self._structure, self.edge)
+        row, code, box = _panels(geometry, quadrants, coarse, fine, *self._structure, self.edge)
         return geometry, row, code, box
 
     def _grades_edge(self, c: np.ndarray, width: np.ndarray) -> np.ndarray:
@@ -195,7 +200,8 @@ class PolarChart:
 def _azimuth(g, quadrant, u):
     """cos(psi), sin(psi), width of the lobe along psi, and d(psi)/du."""
     cp, sp, wx, wy, ca, sa, slant, layer = g[4], g[5], g[6], g[7], g[8], g[9], g[10], g[11]
-    d = layer * math.sinh(u)
+    e = math.exp(u)
+    d = 0.5 * layer * (e - 1.0 / e)
     sin_d = math.sin(d)
     cos_d = math.cos(d)
     # a = a_layer -+ d for the layer at psi = +pi/2, mirrored for the one at -pi/2.
@@ -208,7 +214,7 @@ def _azimuth(g, quadrant, u):
     front = 1.0 if quadrant % 2 == 0 else -1.0
     cos_psi = front * slant * sin_d / width
     sin_psi = (y * cp - x * sp) / width
-    return cos_psi, sin_psi, width, wx * wy / (width * width) * layer * math.cosh(u)
+    return cos_psi, sin_psi, width, 0.5 * wx * wy / (width * width) * layer * (e + 1.0 / e)
 
 
 @kernel
@@ -217,31 +223,32 @@ def _breaks(c, big_t, width, kind, kinks, decay, full, b):
 
     Returns the number of panels, and a number that tells the arrangements of ends apart.
     """
-    g = math.atan2(1.0, -big_t)  # pi/2 + beta
+    # Tangents of halves: of beta, of pi/2 - beta, and of g = pi/2 + beta.
+    root = math.sqrt(1.0 + big_t * big_t)
+    above = root + big_t if big_t > 0.0 else 1.0 / (root - big_t)
+    horizon = above / (1.0 + math.sqrt(1.0 + above * above))
     n = 0
     b[0] = 0.0
-    slopes = kind == 0 or kind == 5
-    if kinks == 1 and big_t > 0.0 and (slopes or big_t < 1.0):
+    within = kind == 1 or kind == 2  # up to 90 degrees
+    if kinks == 1 and big_t > 0.0 and (big_t < 1.0 or not within):
         n = 1
-        b[1] = math.tan(0.5 * math.atan(big_t))
+        b[1] = big_t / (1.0 + root)
     elif kinks == 2 and big_t > 1.0:
         n = 2
-        b[1] = math.tan(0.5 * math.atan2(1.0, big_t))
-        b[2] = math.tan(0.5 * math.atan(big_t))
+        b[1] = 1.0 / above
+        b[2] = big_t / (1.0 + root)
     elif kinks == 2:
         n = 1
-        b[1] = math.tan(g / 6.0)
+        b[1] = math.tan(math.atan2(1.0, -big_t) / 6.0)
     n += 1
-    b[n] = math.tan(0.25 * g)
-    if kind == 1 or kind == 2:
-        b[n] = min(b[n], math.tan(0.125 * math.pi))
+    b[n] = min(horizon, _EIGHTH) if within else horizon
     if full:
         n += 1
-        b[n] = math.tan(0.5 * min(0.5 * math.pi, g))
+        b[n] = min(1.0, above)
     place = 0
     if full and kinks == 2 and 0.0 < big_t <= 1.0:
         # What L masks goes on beyond the curve where V's masking has taken over.
-        line = math.tan(0.5 * math.atan2(1.0, big_t))
+        line = 1.0 / above
         j = n
         while b[j] > line:
             b[j + 1] = b[j]
@@ -311,7 +318,9 @@ def _split_edge(b, n):
 @kernel
 def _split_horizon(b, n, big_t):
     """Split the panel that ends at the horizon; return its new index, or -1."""
-    horizon = math.tan(0.25 * math.atan2(1.0, -big_t))
+    root = math.sqrt(1.0 + big_t * big_t)
+    above = root + big_t if big_t > 0.0 else 1.0 / (root - big_t)
+    horizon = above / (1.0 + math.sqrt(1.0 + above * above))
     for j in range(n):
         if b[j + 1] == horizon:
             for k in range(n, j, -1):
@@ -335,7 +344,7 @@ def _among(x, values, count):
 
 
 @kernel
-def _panels(geometry, quadrants, coarse, kind, kinks, decay, full, edge):
+def _panels(geometry, quadrants, coarse, fine, kind, kinks, decay, full, edge):
     """All non-empty panels: outer cuts at equal e-folds, at T = 1 and where the lobe's cut
     meets a kink; inner ones at the kinks."""
     rows = geometry.shape[0]
@@ -382,6 +391,8 @@ def _panels(geometry, quadrants, coarse, kind, kinks, decay, full, edge):
                     low = cuts[k] + 1e-9 * (cuts[k + 1] - cuts[k])
                     before = _pattern(g, quadrant, low, kind, kinks, decay, full, b)
                     probes = 8 if quadrants == 2 else 96
+                    if fine:
+                        probes *= 32
                     for probe in range(1, probes + 1):
                         high = cuts[k] + (probe / probes - 1e-9) * (cuts[k + 1] - cuts[k])
                         after = _pattern(g, quadrant, high, kind, kinks, decay, full, b)
@@ -404,6 +415,19 @@ def _panels(geometry, quadrants, coarse, kind, kinks, decay, full, edge):
                             before = _pattern(g, quadrant, right, kind, kinks, decay, full, b)
                         low = high
                 cuts[:m].sort()
+                if kinks == 1 and decay == 0 and quadrant % 2 == 0:
+                    # The panel between core and kink opens where they cross: it is smooth only on
+                    # the scale of the distance from psi = +-pi/2 to there.
+                    known = m
+                    for k in range(1, known - 1):
+                        ratio = cuts[k + 1] / cuts[k]
+                        if 1e-9 * end < cuts[k] < 0.5 and ratio > 32.0:
+                            parts = math.ceil(math.log(ratio) / math.log(32.0))
+                            for j in range(1, parts):
+                                if m < cuts.size:
+                                    cuts[m] = cuts[k] * ratio ** (j / parts)
+                                    m += 1
+                    cuts[:m].sort()
                 known = m
                 for k in range(known - 1):
                     # A panel is graded towards one end only.
@@ -421,6 +445,8 @@ def _panels(geometry, quadrants, coarse, kind, kinks, decay, full, edge):
                 span[:] = 0.0
                 inner, pattern = 0, -1
                 samples = 3 if quadrants == 2 else 17
+                if fine:
+                    samples = 65
                 for f in range(samples):
                     # From one end to the other, and from 0.02 to 0.98 of the panel.
                     u = u0 + (0.02 + 0.96 * f / (samples - 1)) * (u1 - u0)
@@ -493,6 +519,8 @@ def _panels(geometry, quadrants, coarse, kind, kinks, decay, full, edge):
 def _nodes(geometry, code, box, u, v, kind, kinks, decay, full, edge, origin, wi, wo, h, weight):
     """Directions, half vectors and Jacobians; one row per panel."""
     b = np.empty(12)
+    count = v.size
+    exps, jacs, sines, cosines = np.empty(count), np.empty(count), np.empty(count), np.empty(count)
     for k in range(box.shape[0]):
         g = geometry[k]
         c, s, cos_phi, sin_phi = g[0], g[1], g[2], g[3]
@@ -532,10 +560,10 @@ def _nodes(geometry, code, box, u, v, kind, kinks, decay, full, edge, origin, wi
                 s0 = math.asinh((b[j + 1] - b[j]) / scale)
                 s1 = 0.0
             else:
-                s0 = math.asinh(b[j] / scale)
+                s0 = math.asinh(b[j] / scale) if j > 0 else 0.0
                 s1 = math.asinh(b[j + 1] / scale)
-            outer = code[k, 3] * turn * slope * (u1 - u0) * (v1 - v0) * abs(s1 - s0)
-            for iv in range(v.size):
+            outer = sound * code[k, 3] * turn * slope * (u1 - u0) * (v1 - v0) * abs(s1 - s0)
+            for iv in range(count):
                 x = v0 + (v1 - v0) * v[iv]
                 stretch = 1.0
                 if from_origin:
@@ -544,47 +572,72 @@ def _nodes(geometry, code, box, u, v, kind, kinks, decay, full, edge, origin, wi
                 elif to_edge:
                     stretch = edge * (1.0 - x) ** (edge - 1)
                     x = 1.0 - (1.0 - x) ** edge
-                # tan(delta/2) = t = scale sinh(s), with e = exp(s), a = e t: one division in all.
-                e = math.exp(s0 + (s1 - s0) * x)
-                e2 = e * e
-                a = 0.5 * scale * (e2 - 1.0)
-                jac = outer * stretch * 0.5 * scale * (e2 + 1.0)
-                if at_edge:
-                    t = b[j + 1] - a / e
-                    half = 2.0 / (1.0 + t * t)
-                    sin_delta = t * half
-                    cos_delta = 0.5 * (1.0 - t) * (1.0 + t) * half
-                    jac *= half / e
-                else:
-                    inverse = 1.0 / (e2 + a * a)
-                    sin_delta = 2.0 * a * e * inverse
-                    cos_delta = (e - a) * (e + a) * inverse
-                    jac *= 2.0 * e * inverse
-                n_dot_l = c
-                sin_2 = 2.0 * sin_delta * cos_delta
-                two_sin2 = 2.0 * sin_delta * sin_delta
-                n_dot_v = c * (1.0 - two_sin2) + s * cos_psi * sin_2
-                if kind == 0 or kind == 5:
-                    l_dot_h = c * cos_delta + s * cos_psi * sin_delta
-                    hx = 2.0 * l_dot_h * sin_delta * cos_psi
-                    hy = 2.0 * l_dot_h * sin_delta * sin_psi
-                    jac *= 4.0 * l_dot_h * sin_delta
-                else:
-                    hx = two_sin2 * s + sin_2 * cos_psi * c
-                    hy = sin_2 * sin_psi
-                    jac *= 2.0 * sin_2
-                if not full:
-                    n_dot_v = max(n_dot_v, 0.0)
-                    jac *= n_dot_v
-                vx, vy = hx - s, hy
-                if kind == 2 or kind == 4:
-                    vx, vy = -vx, -vy
-                    hx, hy = vx + s, vy
-                i = iu * v.size + iv
-                wo[0, k, i] = vx * cos_phi - vy * sin_phi
-                wo[1, k, i] = vx * sin_phi + vy * cos_phi
-                wo[2, k, i] = n_dot_v
-                h[0, k, i] = hx * cos_phi - hy * sin_phi
-                h[1, k, i] = hx * sin_phi + hy * cos_phi
-                h[2, k, i] = n_dot_l + n_dot_v
-                weight[k, i] = jac * sound
+                exps[iv] = math.exp(s0 + (s1 - s0) * x)
+                jacs[iv] = outer * stretch
+            _radial(exps, scale, b[j + 1] if at_edge else -1.0, sines, cosines, jacs)
+            _directions(
+                *(g, cos_psi, sin_psi, kind, full, sines, cosines, jacs),
+                *(k, iu * count, wo, h, weight),
+            )
+
+
+@kernel
+def _radial(exps, scale, edge, sines, cosines, jacs):
+    """Sines and cosines of delta, and jacs times d(delta)/ds, from e = exp(s).
+
+    tan(delta/2) is scale sinh(s), or so much less than `edge` where that is positive.
+    """
+    if edge > 0.0:
+        for i in range(exps.size):
+            e = exps[i]
+            t = edge - 0.5 * scale * (e - 1.0 / e)
+            inverse = 1.0 / (1.0 + t * t)
+            sines[i] = 2.0 * t * inverse
+            cosines[i] = (1.0 - t) * (1.0 + t) * inverse
+            jacs[i] *= scale * (e + 1.0 / e) * inverse
+    else:
+        for i in range(exps.size):
+            e = exps[i]
+            a = 0.5 * scale * (e * e - 1.0)  # e tan(delta/2): one division does for all
+            inverse = 1.0 / (e * e + a * a)
+            sines[i] = 2.0 * a * e * inverse
+            cosines[i] = (e - a) * (e + a) * inverse
+            jacs[i] *= scale * (e * e + 1.0) * e * inverse
+
+
+@kernel
+def _directions(g, cos_psi, sin_psi, kind, full, sines, cosines, jacs, k, first, wo, h, weight):
+    """V, L + V and the weights along one azimuth."""
+    c, s, cos_phi, sin_phi = g[0], g[1], g[2], g[3]
+    slopes = kind == 0 or kind == 5
+    retro = kind == 2 or kind == 4
+    t = s * cos_psi
+    for i in range(sines.size):
+        sin_delta, cos_delta = sines[i], cosines[i]
+        sin_2 = 2.0 * sin_delta * cos_delta
+        two_sin2 = 2.0 * sin_delta * sin_delta
+        n_dot_v = c * (1.0 - two_sin2) + t * sin_2
+        if slopes:
+            l_dot_h = c * cos_delta + t * sin_delta
+            along = 2.0 * l_dot_h * sin_delta * cos_psi
+            across = 2.0 * l_dot_h * sin_delta * sin_psi
+            jac = jacs[i] * 4.0 * l_dot_h * sin_delta
+        else:
+            along = two_sin2 * s + sin_2 * cos_psi * c
+            across = sin_2 * sin_psi
+            jac = jacs[i] * 2.0 * sin_2
+        if not full:
+            n_dot_v = n_dot_v if n_dot_v > 0.0 else 0.0
+            jac *= n_dot_v
+        v_along, v_across = along - s, across
+        if retro:
+            v_along, v_across = -v_along, -v_across
+            along, across = v_along + s, v_across
+        j = first + i
+        wo[0, k, j] = v_along * cos_phi - v_across * sin_phi
+        wo[1, k, j] = v_along * sin_phi + v_across * cos_phi
+        wo[2, k, j] = n_dot_v
+        h[0, k, j] = along * cos_phi - across * sin_phi
+        h[1, k, j] = along * sin_phi + across * cos_phi
+        h[2, k, j] = c + n_dot_v
+        weight[k, j] = jac

@@ -53,6 +53,7 @@ class ScanChart:
         widths: np.ndarray,
         isotropic: bool,
         coarse: bool = False,
+        fine: bool = False,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Panels of every row; see `albedo.charts.polar.PolarChart.panels`.
 

@@ -54,6 +54,7 @@ class Chart(Protocol):
         widths: np.ndarray,
         isotropic: bool,
         coarse: bool = False,
+        fine: bool = False,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]: ...
 
     def nodes(
@@ -143,8 +144,43 @@ def integrate(
     Result
         With arrays of shape (n,).
     """
+    options = (rtol, atol, limit, probe)
+    found = _integrate(chart, integrand, cos_theta, phi, widths, isotropic, *options, fine=False)
+    refused = np.flatnonzero(~np.isfinite(found.value))
+    if refused.size:
+        # A panel turned out to be two: look for the place where it changes.
+        again = _integrate(
+            chart,
+            lambda row, wi, wo, h: integrand(refused[row], wi, wo, h),
+            cos_theta[refused],
+            phi[refused],
+            widths[refused],
+            isotropic,
+            *options,
+            fine=True,
+        )
+        again.evaluations += found.evaluations[refused]
+        for name in ("value", "error", "evaluations", "converged"):
+            getattr(found, name)[refused] = getattr(again, name)
+    return found
+
+
+def _integrate(
+    chart: Chart,
+    integrand: Integrand,
+    cos_theta: np.ndarray,
+    phi: np.ndarray,
+    widths: np.ndarray,
+    isotropic: bool,
+    rtol: float,
+    atol: float,
+    limit: int,
+    probe: bool,
+    fine: bool,
+) -> Result:
+    """What `integrate` does, with panels from a search that may be fine."""
     n = cos_theta.size
-    geometry, row, code, box = chart.panels(cos_theta, phi, widths, isotropic)
+    geometry, row, code, box = chart.panels(cos_theta, phi, widths, isotropic, fine=fine)
     per_row = np.bincount(row, minlength=n)
     start = 10 if rtol >= 1e-6 else 12 if rtol >= 1e-10 else 16
     doubt = np.ones(n)
@@ -248,15 +284,11 @@ def _evaluate(chart: Chart, integrand: Integrand, geometry: np.ndarray, cells: _
                 geometry[row], cells.code[block], cells.box[block], rule_u.nodes, rule_v.nodes
             )
             f = integrand(row, wi, wo, h)
-            found = _reduce(
-                *(f, weight, rule_u.weights, rule_v.weights),
+            _reduce(
+                *(block, f, weight, rule_u.weights, rule_v.weights),
                 *(rule_u.to_coefficients, rule_v.to_coefficients),
+                *(cells.value, cells.error, cells.tight, cells.size, cells.moments),
             )
-            for name, values in zip(_MEASURED, found, strict=True):
-                getattr(cells, name)[block] = values
-
-
-_MEASURED = ("value", "error", "tight", "size", "moments")
 
 
 @kernel
@@ -280,14 +312,13 @@ def _judge(along, weights, to_coefficients, spectrum):
 
 
 @kernel
-def _reduce(f, weight, weights_u, weights_v, to_u, to_v):
-    """Value, error, tight, size and moments of cells, from the values at their nodes."""
-    m, p, q = f.shape[0], weights_u.size, weights_v.size
-    value, error, tight, size = np.empty(m), np.empty((m, 2)), np.empty(m), np.empty(m)
-    moments = np.zeros((m, 2, _MOMENTS))
+def _reduce(block, f, weight, weights_u, weights_v, to_u, to_v, value, error, tight, size, moments):
+    """Fill what is measured of the cells in a block, from the values at their nodes."""
+    p, q = weights_u.size, weights_v.size
     along_u, along_v = np.empty(p), np.empty(q)
     spectrum = np.empty(max(p, q))
-    for k in range(m):
+    for k in range(block.size):
+        cell = block[k]
         along_v[:] = 0.0
         modulus = 0.0
         for i in range(p):
@@ -299,16 +330,15 @@ def _reduce(f, weight, weights_u, weights_v, to_u, to_v):
                 along_v[j] += x * weights_u[i]
             along_u[i] = total
             modulus += absolute * weights_u[i]
-        size[k] = modulus
-        error[k, 0], report = _judge(along_u, weights_u, to_u, spectrum)
-        value[k] = spectrum[0]
+        size[cell] = modulus
+        error[cell, 0], report = _judge(along_u, weights_u, to_u, spectrum)
+        value[cell] = spectrum[0]
         for j in range(min(p, _MOMENTS)):
-            moments[k, 0, j] = spectrum[j]
-        error[k, 1], other = _judge(along_v, weights_v, to_v, spectrum)
+            moments[cell, 0, j] = spectrum[j]
+        error[cell, 1], other = _judge(along_v, weights_v, to_v, spectrum)
         for j in range(min(q, _MOMENTS)):
-            moments[k, 1, j] = spectrum[j]
-        tight[k] = report + other
-    return value, error, tight, size, moments
+            moments[cell, 1, j] = spectrum[j]
+        tight[cell] = report + other
 
 
 @dataclass

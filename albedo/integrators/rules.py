@@ -11,8 +11,10 @@ geometric decay allows, so that algebraic decay (a kink that was not split) is c
 from __future__ import annotations
 
 import math
+import threading
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -52,9 +54,22 @@ class Rule:
     to_coefficients: np.ndarray
 
 
-@cache
+# Kernels count references to arrays atomically: threads that share them wait for each other.
+_own = threading.local()
+
+
 def gauss(p: int) -> Rule:
-    """The Gauss-Legendre rule of `p` nodes on [0, 1]."""
+    """The Gauss-Legendre rule of `p` nodes on [0, 1]; every thread has a copy of its own."""
+    rules: dict[Any, Rule] = _own.__dict__
+    if p not in rules:
+        rule = _gauss(p)
+        copies = rule.nodes.copy(), rule.weights.copy(), rule.to_coefficients.copy()
+        rules[p] = Rule(*copies)
+    return rules[p]
+
+
+@cache
+def _gauss(p: int) -> Rule:
     x, w = np.polynomial.legendre.leggauss(p)
     polynomials = np.polynomial.legendre.legvander(x, p - 1)
     scaled = polynomials * (w[:, None] / 2) * (2 * np.arange(p) + 1)
