@@ -8,6 +8,7 @@ plots, tests) reads these declarations.
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -199,7 +200,10 @@ class Model:
                 for target in declared.targets:
                     if target in values_in:
                         raise InputError(f"{self.name}: give either {key} or {target}, not both")
-                    values_in[target] = value
+                    # A complaint names what was given.
+                    given = copy.copy(self._declared[target])
+                    object.__setattr__(given, "name", key)
+                    values_in[target] = given.check(self.name, value)
         stored = {
             key: declared.check(self.name, values_in.get(key, declared.default))
             for key, declared in self._declared.items()

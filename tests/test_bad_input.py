@@ -15,7 +15,7 @@ UP = [0.0, 0.0, 1.0]
 BAD: dict[str, tuple[Callable[[], object], str]] = {
     "model": (lambda: albedo.model("wrad"), "did you mean ward.*lambert"),
     "parameter": (lambda: albedo.model("ward", rough=1.0), "no parameter 'rough'; it has alpha_x"),
-    "range": (lambda: albedo.model("ward", m=-1.0), r"-1 is out of range; .* \[1e-08, 10\]"),
+    "range": (lambda: albedo.model("ward", m=-1.0), r"m = -1 is out of range; .* \[1e-08, 10\]"),
     "NaN": (lambda: albedo.model("phong", n=float("nan")), "n = nan"),
     "infinite": (lambda: albedo.model("phong_original", rho_s=float("inf")), "rho_s = inf"),
     "complex": (lambda: albedo.model("phong", n=1j), "complex"),
