@@ -340,7 +340,22 @@ def _pattern(g, quadrant, u, kind, kinks, decay, full, b):
 @kernel
 def _among(x, values, count):
     """Whether x is one of the first values."""
-    return np.any(values[:count] == x)
+    found = False
+    for k in range(count):
+        found = found or values[k] == x
+    return found
+
+
+@kernel
+def _sort(values, count):
+    """Sort the first values, which are few; numpy's sort takes a second to compile."""
+    for k in range(1, count):
+        x = values[k]
+        j = k
+        while j > 0 and values[j - 1] > x:
+            values[j] = values[j - 1]
+            j -= 1
+        values[j] = x
 
 
 @kernel
@@ -384,7 +399,7 @@ def _panels(geometry, quadrants, coarse, fine, kind, kinks, decay, full, edge):
                             corner[corners] = cuts[m]
                             corners += 1
                         m += 1
-                cuts[:m].sort()
+                _sort(cuts, m)
             if not coarse:
                 known = m
                 for k in range(known - 1):
@@ -414,7 +429,7 @@ def _panels(geometry, quadrants, coarse, fine, kind, kinks, decay, full, edge):
                             low = right
                             before = _pattern(g, quadrant, right, kind, kinks, decay, full, b)
                         low = high
-                cuts[:m].sort()
+                _sort(cuts, m)
                 if kinks == 1 and decay == 0 and quadrant % 2 == 0:
                     # The panel between core and kink opens where they cross: it is smooth only on
                     # the scale of the distance from psi = +-pi/2 to there.
@@ -427,14 +442,14 @@ def _panels(geometry, quadrants, coarse, fine, kind, kinks, decay, full, edge):
                                 if m < cuts.size:
                                     cuts[m] = cuts[k] * ratio ** (j / parts)
                                     m += 1
-                    cuts[:m].sort()
+                    _sort(cuts, m)
                 known = m
                 for k in range(known - 1):
                     # A panel is graded towards one end only.
                     if _among(cuts[k], corner, corners) and _among(cuts[k + 1], corner, corners):
                         cuts[m] = 0.5 * (cuts[k] + cuts[k + 1])
                         m += 1
-                cuts[:m].sort()
+                _sort(cuts, m)
             for k in range(m - 1):
                 u0, u1 = cuts[k], cuts[k + 1]
                 layered = g[12] > 0.0 and quadrant % 2 == 0
@@ -516,6 +531,22 @@ def _panels(geometry, quadrants, coarse, fine, kind, kinks, decay, full, edge):
 
 
 @kernel
+def _adapt(b, found, pattern, expected):
+    """Give a core to ends without one, or take it, where it only just fits below the last end.
+
+    The core's end is no kink of the integrand: panels cover the same with it and without.
+    """
+    if pattern == 0 and expected == found:
+        b[found + 1] = b[found]
+        b[found] *= 1.0 - 1e-9
+        return found + 1, expected
+    if expected == 0 and pattern == found - 1:
+        b[found - 1] = b[found]
+        return found - 1, expected
+    return found, pattern
+
+
+@kernel
 def _nodes(geometry, code, box, u, v, kind, kinks, decay, full, edge, origin, wi, wo, h, weight):
     """Directions, half vectors and Jacobians; one row per panel."""
     b = np.empty(12)
@@ -544,6 +575,8 @@ def _nodes(geometry, code, box, u, v, kind, kinks, decay, full, edge, origin, wi
             big_t = s / c * cos_psi
             found, pattern = _breaks(c, big_t, width, kind, kinks, decay, full, b)
             scale = _scale(c, big_t, width, kind, decay)
+            if decay == 0 and pattern != code[k, 4] and code[k, 4] >= 0:
+                found, pattern = _adapt(b, found, pattern, code[k, 4])
             # A panel that is not what it was taken for: better no value than a wrong one.
             sound = 1.0 if pattern == code[k, 4] or code[k, 4] < 0 else math.nan
             edge_panel = -1
