@@ -89,7 +89,9 @@ def table(
     cosines, phis = np.tile(cosines, len(models)), np.tile(phis, len(models))
     # Every batch takes rows from all over the table, so that all cost about the same.
     batches = -(-total // _CHUNK)
-    pieces = [np.arange(first, total, batches) for first in range(batches)]
+    turn = np.arange(total) % (2 * batches)
+    share = np.minimum(turn, 2 * batches - 1 - turn)
+    pieces = [np.flatnonzero(share == batch) for batch in range(batches)]
     lock, done = threading.Lock(), 0
 
     def work(piece: np.ndarray) -> Estimate:

@@ -202,6 +202,7 @@ def _integrate(
     _evaluate(chart, integrand, geometry, cells)
     active = np.ones(n, dtype=bool)
     rounds = np.zeros(n, dtype=int)
+    retired: list[_Cells] = []
     for _ in range(_ROUNDS):
         value, error, size, leaves = _sums(cells, n)
         rounding = _ROUNDINGS * _EPS * size
@@ -210,6 +211,11 @@ def _integrate(
         active &= doubt * error + rounding > 0.5 * target
         if not active.any():
             break
+        alive = active[cells.row]
+        if np.count_nonzero(alive) < 0.8 * alive.size:
+            # What is done need not be sorted and copied again.
+            retired.append(cells.take(~alive))
+            cells = cells.take(alive)
         work = _plan(cells, 0.25 * target / doubt, active, n)
         reserve = 2 * leaves + 4
         cost = work.cost
@@ -234,6 +240,8 @@ def _integrate(
         keep = np.ones(cells.row.size, dtype=bool)
         keep[work.parent] = False
         cells = cells.take(keep).join(children)
+    for done in retired:
+        cells = cells.join(done)
     value, error, size, leaves = _sums(cells, n)
     if not probe:
         nodes, shift = 0, np.zeros(n)
