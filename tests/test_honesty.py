@@ -181,6 +181,8 @@ def random_outcomes(seed: int, count: int, rtols: list[float], budgets: list[int
         c = float(10.0 ** rng.uniform(-9, 0) if rng.random() < 0.4 else rng.uniform(1e-3, 1.0))
         phi = 0.0 if model.isotropic else float(rng.choice([rng.uniform(0.0, 6.28), 0.0, 1.5708]))
         exact = albedo.directional_albedo(model, c, phi, rtol=1e-13, max_evaluations=4_000_000)
+        # What is granted must not excuse anything: all references are better than the tries.
+        assert exact.error <= 1e-11 * abs(exact.value), (model.spec, c, phi)
         tries: list[dict[str, float]] = [{"rtol": rtol} for rtol in rtols]
         tries += [{"max_evaluations": budget} for budget in budgets]
         for options in tries:

@@ -200,7 +200,7 @@ def test_isotropy_is_as_claimed(model: Model) -> None:
         # A turn rounds every slope a few times, and exponents down to -23 amplify that; l - v of a
         # retro-reflector is a difference of raw directions, as uncertain as EPS over its width.
         retro = math.sqrt(model.parameters["n"]) if "retro" in model.parameters.values() else 1.0
-        # Where x^n ends at 1e-10 of its peak, a rounding of x = r.v is amplified by n/x.
+        # Where x^n ends at 1e-10 of its peak, n/x amplifies the four roundings of x = r.v.
         n = float(model.parameters.get("n", 1.0))
         end = n * 10.0 ** (10.0 / n) if n >= 5.0 else 0.0
         assert found <= max(40 * 23 * max(1.0, retro), 4 * end) * EPS

@@ -8,9 +8,14 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from albedo.integrators.rules import LADDER, gauss, spectrum_bound
+from albedo.integrators.rules import LADDER, bounds_of, gauss
 
 COUNT = 400
+
+
+def spectrum_bound(coefficients: np.ndarray) -> np.ndarray:
+    """Bounds of many spectra, shape (m, 2)."""
+    return np.array([bounds_of(row) for row in coefficients])
 
 
 def _families(rng: np.random.Generator) -> dict[str, Callable[[np.ndarray], np.ndarray]]:

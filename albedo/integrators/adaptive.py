@@ -118,6 +118,7 @@ def integrate(
     atol: float,
     limit: int,
     probe: bool = True,
+    fine: bool = False,
 ) -> Result:
     """Integrate over the domain of a chart, one integral per row.
 
@@ -138,47 +139,14 @@ def integrate(
         Most evaluations of the integrand per row, probes included.
     probe : bool
         Add the effect of moving every direction by an ulp to the bound.
+    fine : bool
+        Let the chart search finely for its panels; rows that were refused are tried again so.
 
     Returns
     -------
     Result
         With arrays of shape (n,).
     """
-    options = (rtol, atol, limit, probe)
-    found = _integrate(chart, integrand, cos_theta, phi, widths, isotropic, *options, fine=False)
-    refused = np.flatnonzero(~np.isfinite(found.value))
-    if refused.size:
-        # A panel turned out to be two: look for the place where it changes.
-        again = _integrate(
-            chart,
-            lambda row, wi, wo, h: integrand(refused[row], wi, wo, h),
-            cos_theta[refused],
-            phi[refused],
-            widths[refused],
-            isotropic,
-            *options,
-            fine=True,
-        )
-        again.evaluations += found.evaluations[refused]
-        for name in ("value", "error", "evaluations", "converged"):
-            getattr(found, name)[refused] = getattr(again, name)
-    return found
-
-
-def _integrate(
-    chart: Chart,
-    integrand: Integrand,
-    cos_theta: np.ndarray,
-    phi: np.ndarray,
-    widths: np.ndarray,
-    isotropic: bool,
-    rtol: float,
-    atol: float,
-    limit: int,
-    probe: bool,
-    fine: bool,
-) -> Result:
-    """What `integrate` does, with panels from a search that may be fine."""
     n = cos_theta.size
     geometry, row, code, box = chart.panels(cos_theta, phi, widths, isotropic, fine=fine)
     per_row = np.bincount(row, minlength=n)
@@ -256,8 +224,27 @@ def _integrate(
     error = doubt * np.where(stopped | (rounds > _UNSELECTED), error, tight) + rounding
     finite = np.isfinite(value) & np.isfinite(error)
     value, error = np.where(finite, value, np.nan), np.where(finite, error, np.inf)
-    converged = finite & stopped
-    return Result(value, error, spent, converged)
+    found = Result(value, error, spent, finite & stopped)
+    refused = np.flatnonzero(~finite)
+    if refused.size and not fine:
+        # A panel turned out to be two: look for the place where it changes.
+        again = integrate(
+            chart,
+            lambda row, wi, wo, h: integrand(refused[row], wi, wo, h),
+            cos_theta[refused],
+            phi[refused],
+            widths[refused],
+            isotropic,
+            rtol=rtol,
+            atol=atol,
+            limit=limit,
+            probe=probe,
+            fine=True,
+        )
+        again.evaluations += found.evaluations[refused]
+        for name in ("value", "error", "evaluations", "converged"):
+            getattr(found, name)[refused] = getattr(again, name)
+    return found
 
 
 def _sums(cells: _Cells, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

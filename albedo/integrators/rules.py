@@ -11,10 +11,8 @@ geometric decay allows, so that algebraic decay (a kink that was not split) is c
 from __future__ import annotations
 
 import math
-import threading
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
 
 import numpy as np
 
@@ -54,45 +52,13 @@ class Rule:
     to_coefficients: np.ndarray
 
 
-# Kernels count references to arrays atomically: threads that share them wait for each other.
-_own = threading.local()
-
-
-def gauss(p: int) -> Rule:
-    """The Gauss-Legendre rule of `p` nodes on [0, 1]; every thread has a copy of its own."""
-    rules: dict[Any, Rule] = _own.__dict__
-    if p not in rules:
-        rule = _gauss(p)
-        copies = rule.nodes.copy(), rule.weights.copy(), rule.to_coefficients.copy()
-        rules[p] = Rule(*copies)
-    return rules[p]
-
-
 @cache
-def _gauss(p: int) -> Rule:
+def gauss(p: int) -> Rule:
+    """The Gauss-Legendre rule of `p` nodes on [0, 1]."""
     x, w = np.polynomial.legendre.leggauss(p)
     polynomials = np.polynomial.legendre.legvander(x, p - 1)
     scaled = polynomials * (w[:, None] / 2) * (2 * np.arange(p) + 1)
     return Rule((x + 1) / 2, w / 2, scaled)
-
-
-def spectrum_bound(coefficients: np.ndarray) -> np.ndarray:
-    """Bounds on the quadrature error, from the Legendre coefficients of the integrand.
-
-    Parameters
-    ----------
-    coefficients : ndarray, shape (m, p)
-        Coefficients that a rule of p nodes gave; the first of each row is the integral.
-
-    Returns
-    -------
-    ndarray, shape (m, 2)
-        Bounds on the errors of the first coefficients: the one to stop on, and the one to report
-        when nothing was stopped on it. Never negative.
-    """
-    bound = np.empty((coefficients.shape[0], 2))
-    _bound(coefficients, bound)
-    return bound
 
 
 @kernel
@@ -142,7 +108,19 @@ def _extrapolate(a, safety, wide, straight, reach, farthest):
 
 @kernel
 def bounds_of(a):
-    """The bound to stop on and the one to report, for one spectrum."""
+    """Bounds on the quadrature error, from the Legendre coefficients of the integrand.
+
+    Parameters
+    ----------
+    a : ndarray, shape (p,)
+        Coefficients that a rule of p nodes gave; the first is the integral.
+
+    Returns
+    -------
+    stop, report : float
+        Bounds on the error of a[0]: the one to stop on, and the one to report when nothing was
+        stopped on it. Never negative.
+    """
     p = a.size
     if p < 6:
         # Too short a spectrum to see a rate: everything but the mean may be aliased.
@@ -153,9 +131,3 @@ def bounds_of(a):
     stop = _extrapolate(a, *_STOPPING)
     # Six coefficients cannot tell a root at the end from a smooth integrand: no steeper fall.
     return stop, 0.5 * stop if p < _SHORT else min(_extrapolate(a, *_REPORTED), stop)
-
-
-@kernel
-def _bound(coefficients, bound):
-    for i in range(coefficients.shape[0]):
-        bound[i, 0], bound[i, 1] = bounds_of(coefficients[i])
