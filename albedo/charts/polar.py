@@ -145,8 +145,16 @@ class PolarChart:
             )
         )
         quadrants = 2 if isotropic else 4
-        row, code, box = _panels(geometry, quadrants, coarse, fine, *self._structure, self.edge)
-        return geometry, row, code, box
+        room = c.size * quadrants * 24 + 64
+        while True:
+            row, code, box = np.empty(room, int), np.empty((room, 6), int), np.empty((room, 6))
+            count = _panels(
+                *(geometry, quadrants, coarse, fine, *self._structure, self.edge),
+                *(row, code, box),
+            )
+            if count >= 0:
+                return geometry, row[:count].copy(), code[:count].copy(), box[:count].copy()
+            room *= 2
 
     def _grades_edge(self, c: np.ndarray, width: np.ndarray) -> np.ndarray:
         """1 where the lobe reaches the horizon and n.v = n.l lies in a thin layer along it."""
@@ -359,175 +367,215 @@ def _sort(values, count):
 
 
 @kernel
-def _panels(geometry, quadrants, coarse, fine, kind, kinks, decay, full, edge):
-    """All non-empty panels: outer cuts at equal e-folds, at T = 1 and where the lobe's cut
-    meets a kink; inner ones at the kinks."""
-    rows = geometry.shape[0]
-    room = rows * quadrants * 24 + 64
-    row = np.empty(room, np.int64)
-    code = np.empty((room, 6), np.int64)
-    box = np.empty((room, 6), np.float64)
-    cuts = np.empty(160)
-    corner = np.empty(160)
-    b = np.empty(12)
-    size = np.empty(12)
-    span = np.empty(12)
+def _known_cuts(g, quadrant, steps, coarse, kind, kinks, edge, cuts, corner):
+    """Outer cuts at equal e-folds and where T = 1; how many they are, and how many are corners."""
+    c, s, cp, sp, wx, wy = g[0], g[1], g[4], g[5], g[6], g[7]
+    ca, sa, slant, layer = g[8], g[9], g[10], g[11]
+    end = math.asinh(0.5 * math.pi / layer)
+    m = steps + 1
+    for k in range(m):
+        cuts[k] = end * k / steps
+    corners = 0
+    if s > c and kinks != 0 and quadrant % 2 == 0 and not coarse:
+        tail = math.sqrt((s - c) * (s + c)) / c * slant
+        along = wy * sa * cp - wx * ca * sp
+        across = -wx * sa * sp - wy * ca * cp
+        near = math.atan2(along, tail - across)
+        far = math.atan2(along, tail + across)
+        if quadrant == 2:
+            near, far = far, near
+        for d in (near, math.pi - far):
+            if 0.0 < d < 0.5 * math.pi:
+                cuts[m] = math.asinh(d / layer)
+                if kinks == 1 and kind != 0 and kind != 5 and edge > 1:
+                    corner[corners] = cuts[m]
+                    corners += 1
+                m += 1
+        _sort(cuts, m)
+    return m, corners
+
+
+@kernel
+def _change(g, quadrant, low, high, before, kind, kinks, decay, full, b):
+    """The place between low and high where the arrangement ceases to be `before`."""
+    for _ in range(45):
+        middle = 0.5 * (low + high)
+        if _pattern(g, quadrant, middle, kind, kinks, decay, full, b) == before:
+            low = middle
+        else:
+            high = middle
+    return low, high
+
+
+@kernel
+def _cut_at_changes(
+    g, quadrant, probes, edge, kind, kinks, decay, full, cuts, m, corner, corners, b
+):
+    """Cut where the arrangement of the inner ends changes; return m and corners."""
+    known = m
+    for k in range(known - 1):
+        low = cuts[k] + 1e-9 * (cuts[k + 1] - cuts[k])
+        before = _pattern(g, quadrant, low, kind, kinks, decay, full, b)
+        for probe in range(1, probes + 1):
+            high = cuts[k] + (probe / probes - 1e-9) * (cuts[k + 1] - cuts[k])
+            after = _pattern(g, quadrant, high, kind, kinks, decay, full, b)
+            while after != before and m < cuts.size:
+                left, right = _change(g, quadrant, low, high, before, kind, kinks, decay, full, b)
+                cuts[m] = 0.5 * (left + right)
+                if kind == 5 and edge > 1:
+                    corner[corners] = cuts[m]
+                    corners += 1
+                m += 1
+                # There may be a second change before the next probe.
+                low = right
+                before = _pattern(g, quadrant, right, kind, kinks, decay, full, b)
+            low = high
+    _sort(cuts, m)
+    return m, corners
+
+
+@kernel
+def _cut_opening(end, cuts, m):
+    """Cut the panels that open where the core meets the kink; return their number.
+
+    They are smooth only on the scale of the distance from psi = +-pi/2 to there.
+    """
+    known = m
+    for k in range(1, known - 1):
+        ratio = cuts[k + 1] / cuts[k]
+        if 1e-9 * end < cuts[k] < 0.5 and ratio > 32.0:
+            parts = math.ceil(math.log(ratio) / math.log(32.0))
+            for j in range(1, parts):
+                if m < cuts.size:
+                    cuts[m] = cuts[k] * ratio ** (j / parts)
+                    m += 1
+    _sort(cuts, m)
+    return m
+
+
+@kernel
+def _cut_between_corners(cuts, m, corner, corners):
+    """Halve what has a corner at both ends: a panel is graded towards one end only."""
+    known = m
+    for k in range(known - 1):
+        if _among(cuts[k], corner, corners) and _among(cuts[k + 1], corner, corners):
+            cuts[m] = 0.5 * (cuts[k] + cuts[k + 1])
+            m += 1
+    _sort(cuts, m)
+    return m
+
+
+@kernel
+def _measure(g, quadrant, u0, u1, samples, layered, kind, kinks, decay, full, b, size, span):
+    """Fill the largest size and the most e-folds of every inner panel between u0 and u1.
+
+    Returns the number of inner panels, their arrangement and whether the last one is graded.
+    """
+    c = g[0]
+    size[:] = 0.0
+    span[:] = 0.0
+    inner, pattern, graded = 0, -1, False
+    for f in range(samples):
+        # From one end to the other, and from 0.02 to 0.98 of the panel.
+        u = u0 + (0.02 + 0.96 * f / (samples - 1)) * (u1 - u0)
+        cos_psi, _, width, _ = _azimuth(g, quadrant, u)
+        big_t = g[1] / c * cos_psi
+        inner, pattern = _breaks(c, big_t, width, kind, kinks, decay, full, b)
+        scale = _scale(c, big_t, width, kind, decay)
+        tail = decay == 0 and pattern % 256 > 0
+        graded = layered or (tail and not full)
+        edge_panel = -1
+        if graded:
+            _split_edge(b, inner)
+            edge_panel = inner
+            inner += 1
+        elif decay == 0 and full:
+            # What is lost turns where n.v falls below the width, above the horizon.
+            edge_panel = _split_horizon(b, inner, big_t)
+            graded = True
+            inner += 1
+        for j in range(inner):
+            size[j] = max(size[j], b[j + 1] - b[j])
+            folds = math.asinh(b[j + 1] / scale) - math.asinh(b[j] / scale)
+            if j == edge_panel:
+                folds = math.asinh((b[j + 1] - b[j]) / _edge_layer(big_t, c, width))
+            span[j] = max(span[j], folds)
+    return inner, pattern, graded
+
+
+@kernel
+def _panels(geometry, quadrants, coarse, fine, kind, kinks, decay, full, edge, row, code, box):
+    """Fill row, code and box with all non-empty panels; return their number, or -1 if they do not
+    fit: outer cuts at equal e-folds, at T = 1 and where the lobe's cut meets a kink; inner ones
+    at the kinks."""
+    cuts, corner = np.empty(160), np.empty(160)
+    b, size, span = np.empty(12), np.empty(12), np.empty(12)
+    probes, samples = (8, 3) if quadrants == 2 else (96, 17)
+    if fine:
+        probes, samples = 32 * probes, 65
     count = 0
-    for i in range(rows):
+    for i in range(geometry.shape[0]):
         g = geometry[i]
-        c, s, cp, sp, wx, wy = g[0], g[1], g[4], g[5], g[6], g[7]
-        ca, sa, slant, layer = g[8], g[9], g[10], g[11]
-        end = math.asinh(0.5 * math.pi / layer)
+        end = math.asinh(0.5 * math.pi / g[11])
         steps = 1 if coarse else max(1, math.ceil(end / 5.0))
         for quadrant in range(quadrants):
-            m = steps + 1
-            for k in range(m):
-                cuts[k] = end * k / steps
-            corners = 0
-            if s > c and kinks != 0 and quadrant % 2 == 0 and not coarse:
-                tail = math.sqrt((s - c) * (s + c)) / c * slant
-                along = wy * sa * cp - wx * ca * sp
-                across = -wx * sa * sp - wy * ca * cp
-                near = math.atan2(along, tail - across)
-                far = math.atan2(along, tail + across)
-                if quadrant == 2:
-                    near, far = far, near
-                for d in (near, math.pi - far):
-                    if 0.0 < d < 0.5 * math.pi:
-                        cuts[m] = math.asinh(d / layer)
-                        if kinks == 1 and kind != 0 and kind != 5 and edge > 1:
-                            corner[corners] = cuts[m]
-                            corners += 1
-                        m += 1
-                _sort(cuts, m)
+            front = quadrant % 2 == 0
+            m, corners = _known_cuts(g, quadrant, steps, coarse, kind, kinks, edge, cuts, corner)
             if not coarse:
-                known = m
-                for k in range(known - 1):
-                    low = cuts[k] + 1e-9 * (cuts[k + 1] - cuts[k])
-                    before = _pattern(g, quadrant, low, kind, kinks, decay, full, b)
-                    probes = 8 if quadrants == 2 else 96
-                    if fine:
-                        probes *= 32
-                    for probe in range(1, probes + 1):
-                        high = cuts[k] + (probe / probes - 1e-9) * (cuts[k + 1] - cuts[k])
-                        after = _pattern(g, quadrant, high, kind, kinks, decay, full, b)
-                        while after != before and m < cuts.size:
-                            left, right = low, high
-                            for _ in range(45):
-                                middle = 0.5 * (left + right)
-                                found = _pattern(g, quadrant, middle, kind, kinks, decay, full, b)
-                                if found == before:
-                                    left = middle
-                                else:
-                                    right = middle
-                            cuts[m] = 0.5 * (left + right)
-                            if kind == 5 and edge > 1:
-                                corner[corners] = cuts[m]
-                                corners += 1
-                            m += 1
-                            # There may be a second change before the next probe.
-                            low = right
-                            before = _pattern(g, quadrant, right, kind, kinks, decay, full, b)
-                        low = high
-                _sort(cuts, m)
-                if kinks == 1 and decay == 0 and quadrant % 2 == 0:
-                    # The panel between core and kink opens where they cross: it is smooth only on
-                    # the scale of the distance from psi = +-pi/2 to there.
-                    known = m
-                    for k in range(1, known - 1):
-                        ratio = cuts[k + 1] / cuts[k]
-                        if 1e-9 * end < cuts[k] < 0.5 and ratio > 32.0:
-                            parts = math.ceil(math.log(ratio) / math.log(32.0))
-                            for j in range(1, parts):
-                                if m < cuts.size:
-                                    cuts[m] = cuts[k] * ratio ** (j / parts)
-                                    m += 1
-                    _sort(cuts, m)
-                known = m
-                for k in range(known - 1):
-                    # A panel is graded towards one end only.
-                    if _among(cuts[k], corner, corners) and _among(cuts[k + 1], corner, corners):
-                        cuts[m] = 0.5 * (cuts[k] + cuts[k + 1])
-                        m += 1
-                _sort(cuts, m)
+                m, corners = _cut_at_changes(
+                    *(g, quadrant, probes, edge, kind, kinks, decay, full),
+                    *(cuts, m, corner, corners, b),
+                )
+                if kinks == 1 and decay == 0 and front:
+                    m = _cut_opening(end, cuts, m)
+                m = _cut_between_corners(cuts, m, corner, corners)
             for k in range(m - 1):
                 u0, u1 = cuts[k], cuts[k + 1]
-                layered = g[12] > 0.0 and quadrant % 2 == 0
-                graded = False
                 if u1 - u0 < 1e-12 * end:
                     continue
-                size[:] = 0.0
-                span[:] = 0.0
-                inner, pattern = 0, -1
-                samples = 3 if quadrants == 2 else 17
-                if fine:
-                    samples = 65
-                for f in range(samples):
-                    # From one end to the other, and from 0.02 to 0.98 of the panel.
-                    u = u0 + (0.02 + 0.96 * f / (samples - 1)) * (u1 - u0)
-                    cos_psi, _, width, _ = _azimuth(g, quadrant, u)
-                    big_t = s / c * cos_psi
-                    inner, pattern = _breaks(c, big_t, width, kind, kinks, decay, full, b)
-                    scale = _scale(c, big_t, width, kind, decay)
-                    tail = decay == 0 and pattern % 256 > 0
-                    graded = not coarse and (layered or (tail and not full))
-                    edge_panel = -1
-                    if graded:
-                        _split_edge(b, inner)
-                        edge_panel = inner
-                        inner += 1
-                    elif decay == 0 and full and not coarse:
-                        # What is lost turns where n.v falls below the width, above the horizon.
-                        edge_panel = _split_horizon(b, inner, big_t)
-                        graded = True
-                        inner += 1
-                    for j in range(inner):
-                        size[j] = max(size[j], b[j + 1] - b[j])
-                        folds = math.asinh(b[j + 1] / scale) - math.asinh(b[j] / scale)
-                        if j == edge_panel:
-                            folds = math.asinh((b[j + 1] - b[j]) / _edge_layer(big_t, c, width))
-                        span[j] = max(span[j], folds)
-                if coarse:
-                    inner = 1
-                    size[0] = 1.0
-                    span[0] = 0.0
+                inner, pattern, graded = 1, -1, False
+                size[0], span[0] = 1.0, 0.0
+                if not coarse:
+                    layered = g[12] > 0.0 and front
+                    inner, pattern, graded = _measure(
+                        *(g, quadrant, u0, u1, samples, layered, kind, kinks, decay, full),
+                        *(b, size, span),
+                    )
                 pruned = False
                 for j in range(inner):
                     pruned = pruned or size[j] <= 0.0
+                # A cut that moves unnoticed costs smoothness, but no energy.
+                if decay != 0 and not pruned:
+                    pattern = -1
+                # Panels shrink to a point in an edge where the integrand has a root.
+                at_start = _among(u0, corner, corners)
+                shrinks = (inner > 1 or kind == 5) and (at_start or _among(u1, corner, corners))
+                from_u, to_u = 0.0, 1.0
+                if shrinks:
+                    from_u = u0 if at_start else u1
+                    to_u = u1 if at_start else u0
                 for j in range(inner):
                     if size[j] <= 0.0:
                         continue
                     pieces = max(1, math.ceil(span[j] / 4.0))
+                    if count + pieces > row.size:
+                        return -1
                     for piece in range(pieces):
-                        if count == row.size:
-                            row = np.concatenate((row, np.empty_like(row)))
-                            code = np.concatenate((code, np.empty_like(code)))
-                            box = np.concatenate((box, np.empty_like(box)))
                         row[count] = i
                         code[count, 0] = quadrant
                         code[count, 1] = j
                         code[count, 2] = -inner if graded else inner
                         code[count, 3] = 2 if quadrants == 2 else 1
-                        # A cut that moves unnoticed costs smoothness, but no energy.
-                        whole = coarse or (decay != 0 and not pruned)
-                        code[count, 4] = -1 if whole else pattern
-                        code[count, 5] = 1
-                        box[count, 0] = u0
-                        box[count, 1] = u1
+                        code[count, 4] = pattern
+                        code[count, 5] = _CORNER if shrinks else 1
+                        box[count, 0] = 0.0 if shrinks else u0
+                        box[count, 1] = 1.0 if shrinks else u1
                         box[count, 2] = piece / pieces
                         box[count, 3] = (piece + 1) / pieces
-                        box[count, 4] = 0.0
-                        box[count, 5] = 1.0
-                        at_start = _among(u0, corner, corners)
-                        if (inner > 1 or kind == 5) and (at_start or _among(u1, corner, corners)):
-                            # Panels shrink to a point in an edge where the integrand has a root.
-                            code[count, 5] = _CORNER
-                            box[count, 0] = 0.0
-                            box[count, 1] = 1.0
-                            box[count, 4] = u0 if at_start else u1
-                            box[count, 5] = u1 if at_start else u0
+                        box[count, 4] = from_u
+                        box[count, 5] = to_u
                         count += 1
-    return row[:count].copy(), code[:count].copy(), box[:count].copy()
+    return count
 
 
 @kernel

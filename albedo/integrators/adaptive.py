@@ -13,6 +13,8 @@ geometric; and if it exceeds the old bound, all bounds of the row grow by the sa
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
@@ -101,9 +103,14 @@ class _Cells:
     def take(self, keep: np.ndarray) -> _Cells:
         return _Cells(*(getattr(self, f)[keep] for f in self.__dataclass_fields__))
 
-    def join(self, other: _Cells) -> _Cells:
-        pairs = ((getattr(self, f), getattr(other, f)) for f in self.__dataclass_fields__)
-        return _Cells(*(np.concatenate(pair) for pair in pairs))
+    def replace(self, parent: np.ndarray, children: _Cells) -> None:
+        """Put the first children in the places of their parents, and the others at the end."""
+        m = parent.size
+        for f in self.__dataclass_fields__:
+            old, new = getattr(self, f), getattr(children, f)
+            old[parent] = new[:m]
+            if new.shape[0] > m:
+                setattr(self, f, np.concatenate((old, new[m:])))
 
 
 def integrate(
@@ -170,7 +177,6 @@ def integrate(
     _evaluate(chart, integrand, geometry, cells)
     active = np.ones(n, dtype=bool)
     rounds = np.zeros(n, dtype=int)
-    retired: list[_Cells] = []
     for _ in range(_ROUNDS):
         value, error, size, leaves = _sums(cells, n)
         rounding = _ROUNDINGS * _EPS * size
@@ -179,11 +185,6 @@ def integrate(
         active &= doubt * error + rounding > 0.5 * target
         if not active.any():
             break
-        alive = active[cells.row]
-        if np.count_nonzero(alive) < 0.8 * alive.size:
-            # What is done need not be sorted and copied again.
-            retired.append(cells.take(~alive))
-            cells = cells.take(alive)
         work = _plan(cells, 0.25 * target / doubt, active, n)
         reserve = 2 * leaves + 4
         cost = work.cost
@@ -204,12 +205,8 @@ def integrate(
         rounds += np.bincount(children.row, minlength=n) > 0
         spent += np.bincount(children.row, weights=children.order.prod(1), minlength=n).astype(int)
         _evaluate(chart, integrand, geometry, children)
-        doubt = _audit(cells, children, work, doubt)
-        keep = np.ones(cells.row.size, dtype=bool)
-        keep[work.parent] = False
-        cells = cells.take(keep).join(children)
-    for done in retired:
-        cells = cells.join(done)
+        _audit(cells, children, work, doubt)
+        cells.replace(work.parent, children)
     value, error, size, leaves = _sums(cells, n)
     if not probe:
         nodes, shift = 0, np.zeros(n)
@@ -258,29 +255,26 @@ def _sums(cells: _Cells, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np
     )
 
 
-def _groups(order: np.ndarray) -> list[tuple[int, int, np.ndarray]]:
-    """Cells that share a pair of orders."""
-    key = order[:, 0] * 1000 + order[:, 1]
-    rank = np.argsort(key, kind="stable")
-    keys, start = np.unique(key[rank], return_index=True)
-    pieces = np.split(rank, start[1:])
-    return [(int(k) // 1000, int(k) % 1000, piece) for k, piece in zip(keys, pieces, strict=True)]
-
-
 def _evaluate(chart: Chart, integrand: Integrand, geometry: np.ndarray, cells: _Cells) -> None:
     """Fill value, error and size of all cells."""
-    for p, q, members in _groups(cells.order):
+    # Cells that share a pair of orders stand together, so that every block is a slice.
+    key = cells.order[:, 0] * 1000 + cells.order[:, 1]
+    rank = np.argsort(key, kind="stable")
+    row, code, box = cells.row[rank], cells.code[rank], cells.box[rank]
+    geometry = geometry[row]
+    edges = np.flatnonzero(np.diff(key[rank])) + 1
+    for start, stop in itertools.pairwise((0, *edges.tolist(), rank.size)):
+        p, q = cells.order[rank[start]].tolist()
         rule_u, rule_v = gauss(p), gauss(q)
         step = max(1, _BLOCK // (p * q))
-        for first in range(0, members.size, step):
-            block = members[first : first + step]
-            row = cells.row[block]
+        for first in range(start, stop, step):
+            block = slice(first, min(first + step, stop))
             wi, wo, h, weight = chart.nodes(
-                geometry[row], cells.code[block], cells.box[block], rule_u.nodes, rule_v.nodes
+                geometry[block], code[block], box[block], rule_u.nodes, rule_v.nodes
             )
-            f = integrand(row, wi, wo, h)
+            f = integrand(row[block], wi, wo, h)
             _reduce(
-                *(block, f, weight, rule_u.weights, rule_v.weights),
+                *(rank[block], f, weight, rule_u.weights, rule_v.weights),
                 *(rule_u.to_coefficients, rule_v.to_coefficients),
                 *(cells.value, cells.error, cells.tight, cells.size, cells.moments),
             )
@@ -369,42 +363,64 @@ def _plan(cells: _Cells, allowed: np.ndarray, active: np.ndarray, n: int) -> _Wo
 
     `allowed` is what the cells left alone may sum to, and once more what the others may come to.
     """
-    total = cells.error.sum(1)
-    rank = np.lexsort((total, cells.row))
-    rows, running = cells.row[rank], np.cumsum(total[rank])
+    live = np.flatnonzero(active[cells.row])
+    total = cells.error[live].sum(1)
+    rank = np.lexsort((total, cells.row[live]))
+    total, live = total[rank], live[rank]
+    rows, running = cells.row[live], np.cumsum(total)
     start = np.concatenate(([True], rows[1:] != rows[:-1]))
-    base = (running - total[rank])[start][np.cumsum(start) - 1]
+    base = (running - total)[start][np.cumsum(start) - 1]
     spare = running - base <= allowed[rows]
-    parent = np.sort(rank[active[rows] & ~spare])
+    parent = np.sort(live[~spare])
     count = np.bincount(cells.row[parent], minlength=n)
-    error, old = cells.error[parent], cells.order[parent]
-    size = np.maximum(cells.size[parent], 1e-300)[:, None]
-    goal = (0.5 * allowed / np.maximum(count, 1))[cells.row[parent]][:, None]
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        # Spectra of entire functions fall ever faster, so less than proportionally more will do.
-        growth = np.where(old <= 16, _GROWTH, 1.0)
-        wanted = old * (np.log(goal / size) / np.log(np.minimum(error / size, 0.9))) ** growth
-        # A direction that was resolved far too well may use fewer nodes once the cell is cut.
-        enough = 1.3 * old * np.log(goal / size) / np.log(np.maximum(error / size, 1e-25)) + 2.0
-    wanted = np.where(error > goal, np.maximum(wanted, old + 2), old)
-    wanted = np.where(np.isfinite(wanted), wanted, 1e9)
-    order = np.maximum(_rung(wanted), old)
-    hopeless = (wanted > np.where(old < 20, 1.5, 1.1) * _TOP) | ((old >= _TOP) & (error > goal))
-    worst = np.argmax(np.where(hopeless, error, -1.0), axis=1)
-    cut = np.where(hopeless.any(1), worst, -1)
-    # A half needs fewer nodes along the cut, and what was planned across it.
-    one = np.arange(parent.size)
-    across = 1 - worst
-    spare = (cut >= 0) & (error[one, across] < 1e-3 * goal[:, 0])
-    fewer = np.minimum(_rung(np.clip(enough[one, across], 10, _TOP)), old[one, across])
-    order[one, across] = np.where(spare, fewer, order[one, across])
-    order[one, worst] = np.where(cut >= 0, np.clip(old[one, worst], 8, 20), order[one, worst])
+    order, cut = np.empty((parent.size, 2), int), np.empty(parent.size, int)
+    goal = (0.5 * allowed / np.maximum(count, 1))[cells.row[parent]]
+    _choose(parent, goal, cells.error, cells.size, cells.order, order, cut)
     return _Work(parent, order, cut)
 
 
-def _rung(wanted: np.ndarray) -> np.ndarray:
-    """The next order on the ladder."""
-    return _LADDER[np.minimum(np.searchsorted(_LADDER, wanted), _LADDER.size - 1)]
+@kernel
+def _rung(wanted):
+    """The next order on the ladder; the highest when there is none."""
+    for order in _LADDER:
+        if order >= wanted:
+            return order
+    return _LADDER[-1]
+
+
+@kernel
+def _choose(parent, goal, error, size, old, order, cut):
+    """Fill, for every parent, its new orders and the direction along which it is cut."""
+    for k in range(parent.size):
+        i = parent[k]
+        whole = max(size[i], 1e-300)
+        fall = math.log(goal[k] / whole)
+        cut[k] = -1
+        for d in range(2):
+            p, share = old[i, d], error[i, d] / whole
+            order[k, d] = p
+            if not error[i, d] > goal[k]:
+                continue
+            # Spectra of entire functions fall ever faster: less than proportionally more will do.
+            growth = _GROWTH if p <= 16 else 1.0
+            wanted = p * (fall / math.log(min(share, 0.9))) ** growth
+            if not math.isfinite(wanted):
+                wanted = 1e9
+            wanted = max(wanted, p + 2.0)
+            order[k, d] = max(_rung(wanted), p)
+            hopeless = wanted > (1.5 if p < 20 else 1.1) * _TOP or p >= _TOP
+            if hopeless and (cut[k] < 0 or error[i, d] > error[i, cut[k]]):
+                cut[k] = d
+        if cut[k] < 0:
+            continue
+        # A half needs fewer nodes along the cut, and what was planned across it.
+        order[k, cut[k]] = min(max(old[i, cut[k]], 8), 20)
+        d = 1 - cut[k]
+        p, share = old[i, d], max(error[i, d] / whole, 1e-25)
+        if error[i, d] < 1e-3 * goal[k]:
+            # A direction that was resolved far too well may use fewer nodes.
+            enough = 1.3 * p * fall / math.log(share) + 2.0
+            order[k, d] = min(_rung(max(enough, 10.0)), p)
 
 
 def _halves() -> tuple[np.ndarray, np.ndarray]:
@@ -424,51 +440,88 @@ def _halves() -> tuple[np.ndarray, np.ndarray]:
 _LEFT, _RIGHT = _halves()
 
 
-def _moved(old: _Cells, children: _Cells, work: _Work) -> np.ndarray:
-    """How far the moments of cells moved when they were computed again: the old error."""
-    m = work.parent.size
-    new = children.moments[:m].copy()
-    second = np.flatnonzero(work.cut >= 0)
-    for d in (0, 1):
-        here = work.cut[second] == d
-        both, upper = second[here], children.moments[m:][here]
-        new[both, 1 - d] += upper[:, 1 - d]
-        new[both, d] = new[both, d] @ _LEFT + upper[:, d] @ _RIGHT
-    moved: np.ndarray = np.abs(new - old.moments).max(axis=(1, 2))
+@kernel
+def _distance(k, other, cut, new, old):
+    """How far moments moved: those of a cell, or of its two halves, from `old`."""
+    moved = 0.0
+    for d in range(2):
+        for r in range(_MOMENTS):
+            total = new[k, d, r]
+            if cut == d:
+                total = 0.0
+                for q in range(_MOMENTS):
+                    total += new[k, d, q] * _LEFT[q, r] + new[other, d, q] * _RIGHT[q, r]
+            elif cut >= 0:
+                total += new[other, d, r]
+            step = abs(total - old[d, r])
+            if not step <= moved:
+                moved = step
     return moved
 
 
-def _audit(cells: _Cells, children: _Cells, work: _Work, doubt: np.ndarray) -> np.ndarray:
-    """Judge old bounds and new ones by what moved; return the doubt of every row."""
-    m = work.parent.size
-    old = cells.take(work.parent)
-    second = np.flatnonzero(work.cut >= 0)
-    new, slack = children.value[:m].copy(), children.error[:m].sum(1)
-    new[second] += children.value[m:]
-    slack[second] += children.error[m:].sum(1)
-    # A bound that was passed makes all bounds of its row doubtful.
-    excess = np.abs(new - old.value) - slack - _ROUNDINGS * _EPS * old.size
-    bound = np.maximum(old.error.sum(1), 1e-300)
-    passed = (excess > bound) & (excess > 1e-13 * old.size)
-    doubt = doubt.copy()
-    np.maximum.at(doubt, old.row[passed], np.minimum(excess / bound, 1e6)[passed])
-    moved = _moved(old, children, work)
-    # Along a direction that became finer, the new error is not worse than the old one was.
-    finer = work.order >= 1.2 * old.order
-    finer[second, work.cut[second]] = True
-    most = np.where(finer, _TRUST * moved[:, None], np.inf)
-    np.minimum(children.error[:m], most, out=children.error[:m])
-    np.minimum(children.error[m:], most[second], out=children.error[m:])
-    # A geometric fall takes the error e of p nodes to e^(q/p) for q nodes.
-    growth = work.order / old.order
-    growth = np.where(growth > 1.0, growth, np.inf).min(1)
-    share = np.minimum(moved / np.maximum(old.size, 1e-300), 1.0)
-    raised = (work.cut < 0) & np.isfinite(growth)
-    least = np.where(raised, _TRUST * moved * share ** np.where(raised, growth - 1.0, 0.0), 0.0)
-    one, worst = np.arange(m), children.error[:m].argmax(1)
-    children.error[one, worst] += np.maximum(least - children.error[:m].sum(1), 0.0)
-    children.tight[:m] = np.maximum(children.tight[:m], least)
-    return doubt
+def _audit(cells: _Cells, children: _Cells, work: _Work, doubt: np.ndarray) -> None:
+    """Judge old bounds and new ones by what moved when cells were computed again.
+
+    Raises the doubt of rows in whose cells a bound was passed, and mends the errors of children.
+    """
+    _compare(
+        *(work.parent, work.order, work.cut),
+        *(cells.row, cells.order, cells.value, cells.error, cells.size, cells.moments),
+        *(children.value, children.error, children.tight, children.moments, doubt),
+    )
+
+
+@kernel
+def _compare(
+    parent,
+    order,
+    cut,
+    row,
+    old_order,
+    old_value,
+    old_error,
+    old_size,
+    old_moments,
+    value,
+    error,
+    tight,
+    moments,
+    doubt,
+):
+    """What moved is the old error; second halves stand behind the first in the order of parents."""
+    other = parent.size - 1
+    for k in range(parent.size):
+        i = parent[k]
+        halved = cut[k] >= 0
+        other += halved
+        new, slack = value[k], error[k, 0] + error[k, 1]
+        if halved:
+            new += value[other]
+            slack += error[other, 0] + error[other, 1]
+        # A bound that was passed makes all bounds of its row doubtful.
+        excess = abs(new - old_value[i]) - slack - _ROUNDINGS * _EPS * old_size[i]
+        bound = max(old_error[i, 0] + old_error[i, 1], 1e-300)
+        if excess > bound and excess > 1e-13 * old_size[i]:
+            doubt[row[i]] = max(doubt[row[i]], min(excess / bound, 1e6))
+        moved = _distance(k, other, cut[k], moments, old_moments[i])
+        growth = math.inf
+        for d in range(2):
+            ratio = order[k, d] / old_order[i, d]
+            if ratio > 1.0:
+                growth = min(growth, ratio)
+            if ratio >= 1.2 or cut[k] == d:
+                # Along a direction that became finer, the new error is not worse than the old.
+                if not error[k, d] <= _TRUST * moved:
+                    error[k, d] = _TRUST * moved
+                if halved and not error[other, d] <= _TRUST * moved:
+                    error[other, d] = _TRUST * moved
+        if not halved and growth < math.inf:
+            # A geometric fall takes the error e of p nodes to e^(q/p) for q nodes.
+            share = min(moved / max(old_size[i], 1e-300), 1.0)
+            least = _TRUST * moved * share ** (growth - 1.0)
+            worst = 0 if error[k, 0] >= error[k, 1] else 1
+            error[k, worst] += max(least - error[k, 0] - error[k, 1], 0.0)
+            tight[k] = max(tight[k], least)
 
 
 def _probe(
