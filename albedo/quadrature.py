@@ -226,6 +226,9 @@ def _rows(
     value, error, evaluations = np.zeros(n), np.zeros(n), np.zeros(n, dtype=int)
     converged = np.ones(n, dtype=bool)
     contributions: dict[str, Estimate] = {}
+    spike = _spikes(distinct, which, cos_theta, phi)
+    # What a Dirac part sends is known: the parts beside it need no more digits than the sum.
+    known = np.zeros(n) if spike is None or complement else options["rtol"] * np.abs(spike.value)
     direct = np.zeros(n, dtype=bool)
     for members in batches.values():
         rows = np.flatnonzero(np.isin(which, members))
@@ -237,6 +240,7 @@ def _rows(
         share = dict(options, limit=max(16, options["limit"] // max(len(parts), 1)))
         for k, part in enumerate(parts):
             widths = np.array([prepared[j][0][k].widths for j in members])[place]
+            share["atol"] = np.maximum(options["atol"], known[rows] / len(parts))
             result = _part(
                 part, p, cos_theta[rows], phi[rows], widths, isotropic, swap, loss, share
             )
@@ -247,7 +251,6 @@ def _rows(
             piece = contributions.setdefault(part.name, _zeros(n))
             for name in ("value", "error", "evaluations", "converged"):
                 getattr(piece, name)[rows] = getattr(result, name)
-    spike = _spikes(distinct, which, cos_theta, phi)
     if spike is not None:
         contributions["mirror"] = spike
         value += np.where(direct, -spike.value, spike.value)

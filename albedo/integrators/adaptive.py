@@ -122,7 +122,7 @@ def integrate(
     isotropic: bool,
     *,
     rtol: float,
-    atol: float,
+    atol: float | np.ndarray,
     limit: int,
     probe: bool = True,
     fine: bool = False,
@@ -140,7 +140,8 @@ def integrate(
         What the chart needs of each row.
     isotropic : bool
         Symmetric about the plane of incidence.
-    rtol, atol : float
+    rtol : float
+    atol : float or ndarray, shape (n,)
         A row is done when its error is at most max(atol, rtol |value|).
     limit : int
         Most evaluations of the integrand per row, probes included.
@@ -233,7 +234,7 @@ def integrate(
             widths[refused],
             isotropic,
             rtol=rtol,
-            atol=atol,
+            atol=np.broadcast_to(atol, n)[refused],
             limit=limit,
             probe=probe,
             fine=True,
