@@ -11,7 +11,10 @@ from __future__ import annotations
 import gc
 import hashlib
 import os
-from collections.abc import Callable
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -93,3 +96,22 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
         return numba.njit(cache=home.is_file(), **_OPTIONS)(function)
     finally:
         config.CACHE_DIR = before
+
+
+@contextmanager
+def second_compiler() -> Iterator[None]:
+    """On an empty cache, let a second process compile the integrator while this one goes on.
+
+    numba compiles one function at a time in a process, and a first call waits for nothing else.
+    The work that this process finds done on disk it need not do; if there is none, nothing changes.
+    """
+    if (cache_root() / digest(PACKAGE)).exists():
+        yield
+        return
+    code = "from albedo.integrators.adaptive import compile_kernels; compile_kernels()"
+    quiet: dict[str, Any] = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
+    with subprocess.Popen([sys.executable, "-c", code], **quiet) as helper:
+        try:
+            yield
+        finally:
+            helper.terminate()

@@ -270,7 +270,7 @@ def evaluate(
         cosines, angles = _incidence(cos, theta, default="0,15,30,45,60,75,85,89")
         azimuths = _azimuths(phi)
     rows: list[dict[str, Any]] = []
-    with _warnings_as_lines(), _progress("evaluating", spec.count) as advance:
+    with _warnings_as_lines(), _compiling(), _progress("evaluating", spec.count) as advance:
         for done, (label, built) in enumerate(_labelled(spec), 1):
             if average:
                 estimate = albedo.average_albedo(built, rtol=rtol, fixed=fixed)
@@ -411,7 +411,7 @@ def table(
     # The first combination stands for the parameters that are swept; all of them get checked.
     first = next(spec.assignments())
     base = ModelSpec(spec.name, {**spec.fixed, **first}).model()
-    with _warnings_as_lines(), _progress("computing the table", None) as advance:
+    with _warnings_as_lines(), _compiling(), _progress("computing the table", None) as advance:
         dataset = albedo.table(
             base,
             cos_theta=cosines,
@@ -475,7 +475,7 @@ def plot(
     )
     azimuth = _radians(_azimuths(repr(phi))[0])
     total = sum(spec.count for spec in specs)
-    with _warnings_as_lines(), _progress("computing curves", total) as advance:
+    with _warnings_as_lines(), _compiling(), _progress("computing curves", total) as advance:
         curves = plotting.measure(specs, cosines, phi=azimuth, rtol=rtol, progress=advance)
     figure = plotting.draw(curves, grazing=grazing, phi=azimuth or None)
     plotting.save_figure(figure, output)
@@ -539,7 +539,7 @@ def run_studies(
             raise InputError(f"There is no study '{name}'; there are {', '.join(known)}.")
     failed = False
     for name in dict.fromkeys(names):
-        with _study_progress(name) as advance:
+        with _compiling(), _study_progress(name) as advance:
             result = run_study(known[name], output, full=full, progress=advance)
         _say_result(result)
         failed = failed or result.failed
@@ -569,7 +569,7 @@ def report(
     from albedo.studies import discover
 
     files = discover(studies_dir)
-    with _study_progress("studies") as advance:
+    with _compiling(), _study_progress("studies") as advance:
         results = build_report(files, output, full=full, progress=advance, finished=_say_result)
     typer.echo(f"The report is at {output / 'index.html'}")
     if any(result.failed for result in results):
@@ -641,6 +641,15 @@ def _warnings_as_lines() -> Iterator[None]:
         yield
     for text in dict.fromkeys(str(item.message) for item in caught):
         typer.echo(f"Warning: {text}", err=True)
+
+
+@contextmanager
+def _compiling() -> Iterator[None]:
+    """Share what a first call has to compile between two processes."""
+    from albedo._compile import second_compiler
+
+    with second_compiler():
+        yield
 
 
 @contextmanager

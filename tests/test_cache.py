@@ -69,3 +69,17 @@ def test_kernels_of_a_user_count_their_own_neighbours(tmp_path: Path) -> None:
     helper = tmp_path / "helper.py"
     helper.write_text(helper.read_text().replace("2.0 * x", "5.0 * x"))
     assert run(code, tmp_path, cache) == "16.0"
+
+
+def test_a_helper_process_compiles_what_every_integral_needs(tmp_path: Path) -> None:
+    code = "from albedo.integrators.adaptive import compile_kernels; compile_kernels()"
+    run(code, PACKAGE.parent, tmp_path)
+    made = {file for file in machine_code(tmp_path) if file.name.startswith("adaptive.")}
+    assert len(made) >= 3
+    run(
+        "import albedo; albedo.directional_albedo(albedo.model('ward'), 0.5)",
+        *(PACKAGE.parent, tmp_path),
+    )
+    every = {file for file in machine_code(tmp_path) if file.name.startswith("adaptive.")}
+    # Nothing of that room had to be compiled again.
+    assert every == made
