@@ -6,49 +6,11 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
+import exact
+
 import albedo
 from albedo.brdf import Alias, Choice, Model, Real
 from albedo.errors import InputError
-
-# Sets that no rule finds: combinations that matter together.
-EXTRA: dict[str, list[dict[str, Any]]] = {
-    "ashikhmin_shirley": [
-        {"n_u": 10.0, "n_v": 1000.0},
-        {"n_u": 1e4, "n_v": 1.0, "r_s": 0.3},
-        {"n": 30.0, "r_s": 0.05, "r_d": 1.0},
-        {"n": 30.0, "r_s": 0.8, "r_d": 1.0, "diffuse": "lambert"},
-    ],
-    "cook_torrance": [
-        {"m": 1.0, "distribution": "ggx", "geometry": "smith_correlated"},
-        {"m": 1e-6, "distribution": "ggx", "geometry": "smith"},
-        {"m": 0.3, "geometry": "smith"},
-        {"alpha_x": 0.5, "alpha_y": 0.05, "distribution": "ggx", "geometry": "smith"},
-        {"alpha_x": 0.02, "alpha_y": 0.5, "geometry": "v_cavity"},
-        {"n": 4.0, "distribution": "blinn_phong"},
-        {"n": 4.0, "distribution": "blinn_phong", "geometry": "smith"},
-        {"n_u": 1e4, "n_v": 1.0, "distribution": "ashikhmin_shirley", "geometry": "smith"},
-        {"m": 0.7, "distribution": "gaussian", "geometry": "smith_correlated"},
-        {"m": 0.4, "fresnel": "conductor", "ior": 0.2, "k": 3.0},
-        {"m": 0.4, "fresnel": "dielectric", "ior": 0.7, "distribution": "ggx"},
-        {"m": 0.4, "geometry": "none"},
-    ],
-    "he_torrance": [
-        {"sigma0": 5.0, "tau": 50.0},
-        {"sigma0": 0.01, "tau": 3.0},
-        {"sigma0": 0.18, "tau": 3.0, "fresnel": "dielectric", "a_ud": 0.2},
-    ],
-    "max_phong": [{"n": 5.0, "p": 0.0}, {"n": 5.0, "p": 0.5}, {"n": 0.0, "c": "safe"}],
-    "max_phong_anisotropic": [{"n_u": 1e4, "n_v": 1.0}, {"n_u": 50.0, "n_v": 50.0}],
-    "phong_original": [{"rho_s": 3.0}],
-    "ward": [
-        {"alpha_x": 0.2, "alpha_y": 0.05},
-        {"m": 1e-6},
-        {"m": 1.0},
-        {"m": 0.5, "form": "fast"},
-    ],
-    "ward_bounded": [{"alpha_x": 0.2, "alpha_y": 0.05}, {"m": 1e-6}, {"m": 1.0}],
-    "ward_duer": [{"alpha_x": 0.2, "alpha_y": 0.05}, {"m": 1e-6}, {"m": 1.0}],
-}
 
 
 def _built(kind: type[Model], sets: Iterable[dict[str, Any]]) -> list[Model]:
@@ -65,12 +27,12 @@ def _built(kind: type[Model], sets: Iterable[dict[str, Any]]) -> list[Model]:
 
 
 def moderate(kind: type[Model]) -> list[Model]:
-    """A model with its defaults, with every choice, and with the sets that are listed above."""
+    """A model with its defaults, with every choice, and with the sets that its oracle lists."""
     sets: list[dict[str, Any]] = [{}]
     for parameter in kind.parameter_info():
         if isinstance(parameter, Choice):
             sets += [{parameter.name: choice} for choice in parameter.choices]
-    return _built(kind, sets + EXTRA.get(kind.name, []))
+    return _built(kind, sets + getattr(exact.oracle(kind.name), "CASES", []))
 
 
 def extreme(kind: type[Model]) -> list[Model]:

@@ -1,15 +1,17 @@
 """What is known in closed form, and a second copy of every formula in 40 digits.
 
-The closed forms are albedos that need no quadrature over the hemisphere. The oracles evaluate the
-BRDF of every model from raw directions with mpmath, straight from its definition in cosines and
-angles: nothing of the bookkeeping of half vectors that the package lives by is repeated here.
+The closed forms are albedos that need no quadrature over the hemisphere. The oracles, one file per
+model in ``oracles/``, evaluate its BRDF from raw directions with mpmath, straight from its
+definition in cosines and angles: nothing of the bookkeeping of half vectors that the package lives
+by is repeated there.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
+from importlib import import_module
 from typing import Any
 
 import mpmath
@@ -120,7 +122,7 @@ def fresnel(index: complex, u: Number) -> Number:
     return (abs(across) ** 2 + abs(along) ** 2) / 2
 
 
-def _fresnel(p: Mapping[str, Any], u: Number) -> Number:
+def fresnel_of(p: Mapping[str, Any], u: Number) -> Number:
     if p["fresnel"] == "schlick":
         return mp.mpf(p["f0"]) + (1 - mp.mpf(p["f0"])) * (1 - u) ** 5
     if p["fresnel"] == "dielectric":
@@ -177,7 +179,7 @@ def smith_lambda(name: str, width: tuple[float, float], v: Sequence[Number]) -> 
     return (mp.sqrt(1 + t2) - 1) / 2 if name == "ggx" else beckmann_lambda(1 / mp.sqrt(t2))
 
 
-# The models
+# What the oracles share
 
 
 def unit(v: Sequence[float]) -> tuple[Number, ...]:
@@ -186,125 +188,31 @@ def unit(v: Sequence[float]) -> tuple[Number, ...]:
     return tuple(x / length for x in v)
 
 
-def _dot(a: Sequence[Number], b: Sequence[Number]) -> Number:
+def dot(a: Sequence[Number], b: Sequence[Number]) -> Number:
     return sum(x * y for x, y in zip(a, b, strict=True))
 
 
-def _half(light: Sequence[Number], view: Sequence[Number]) -> tuple[Number, ...]:
+def half(light: Sequence[Number], view: Sequence[Number]) -> tuple[Number, ...]:
     h = [a + b for a, b in zip(light, view, strict=True)]
-    length = mp.sqrt(_dot(h, h))
+    length = mp.sqrt(dot(h, h))
     return tuple(x / length for x in h)
 
 
-def _cos_mirror(light: Sequence[Number], view: Sequence[Number]) -> Number:
-    return max(mp.zero, 2 * light[2] * view[2] - _dot(light, view))
+def cos_mirror(light: Sequence[Number], view: Sequence[Number]) -> Number:
+    return max(mp.zero, 2 * light[2] * view[2] - dot(light, view))
 
 
-def _power(base: Number, n: Number) -> Number:
+def power(base: Number, n: Number) -> Number:
     """base^n, with the limit n -> 0 in place of 0^0."""
     return base ** mp.mpf(n) if base > 0 else mp.zero
 
 
-def _lambert(p: Mapping[str, Any], light: Any, view: Any) -> Number:
-    return mp.mpf(p["rho"]) / mp.pi
-
-
-def _phong(p: Mapping[str, Any], light: Any, view: Any) -> Number:
-    n = mp.mpf(p["n"])
-    return mp.mpf(p["rho_s"]) * (n + 2) / (2 * mp.pi) * _power(_cos_mirror(light, view), n)
-
-
-def _phong_original(p: Mapping[str, Any], light: Any, view: Any) -> Number:
-    return mp.mpf(p["rho_s"]) * _power(_cos_mirror(light, view), p["n"]) / light[2]
-
-
-def _max_phong(p: Mapping[str, Any], light: Any, view: Any) -> Number:
-    n = mp.mpf(p["n"])
-    c = mp.mpf(p["rho_s"]) * (n + (2 if p["c"] == "paper" else 1)) / (2 * mp.pi)
-    retro = p["variant"] == "retro"
-    cosine = max(mp.zero, _dot(light, view)) if retro else _cos_mirror(light, view)
-    return c * _power(cosine, n) / max(light[2], view[2]) ** mp.mpf(p["p"])
-
-
-def _max_phong_anisotropic(p: Mapping[str, Any], light: Any, view: Any) -> Number:
-    a, b = mp.mpf(p["n_u"]), mp.mpf(p["n_v"])
-    x, y = light[0] + view[0], light[1] + view[1]
-    n = (a * x * x + b * y * y) / (x * x + y * y) if (x, y) != (0, 0) else a
-    c = mp.sqrt((a + 2) * (b + 2)) / (2 * mp.pi)
-    return c * _power(_cos_mirror(light, view), n) / max(light[2], view[2])
-
-
-def _blinn(p: Mapping[str, Any], light: Any, view: Any) -> Number:
-    n = mp.mpf(p["n"])
-    exact = (n + 2) * (n + 4) / (8 * mp.pi * (mp.mpf(2) ** (-n / 2) + n))
-    c = exact if p["normalization"] == "exact" else (n + 8) / (8 * mp.pi)
-    return mp.mpf(p["rho_s"]) * c * _half(light, view)[2] ** n
-
-
-def _blinn_original(p: Mapping[str, Any], light: Any, view: Any) -> Number:
-    return mp.mpf(p["rho_s"]) * _half(light, view)[2] ** mp.mpf(p["n"]) / light[2]
-
-
-def _ward_exponent(p: Mapping[str, Any], h: Sequence[Number]) -> Number:
+def ward_exponent(p: Mapping[str, Any], h: Sequence[Number]) -> Number:
     return (h[0] / mp.mpf(p["alpha_x"])) ** 2 + (h[1] / mp.mpf(p["alpha_y"])) ** 2
 
 
-def _ward_scale(p: Mapping[str, Any]) -> Number:
+def ward_scale(p: Mapping[str, Any]) -> Number:
     return mp.mpf(p["rho_s"]) / (4 * mp.pi * mp.mpf(p["alpha_x"]) * mp.mpf(p["alpha_y"]))
-
-
-def _ward(p: Mapping[str, Any], light: Any, view: Any) -> Number:
-    h = _half(light, view)
-    steep = h[2] ** 2 if p["form"] == "exact" else (1 + h[2]) / 2
-    e = mp.exp(-_ward_exponent(p, h) / steep)
-    return _ward_scale(p) * e / mp.sqrt(light[2] * view[2])
-
-
-def _ward_duer(p: Mapping[str, Any], light: Any, view: Any) -> Number:
-    h = _half(light, view)
-    return _ward_scale(p) * mp.exp(-_ward_exponent(p, h) / h[2] ** 2) / (light[2] * view[2])
-
-
-def _ward_bounded(p: Mapping[str, Any], light: Any, view: Any) -> Number:
-    h = _half(light, view)
-    v_dot_h = _dot(view, h)
-    e = mp.exp(-_ward_exponent(p, h) / h[2] ** 2)
-    return _ward_scale(p) * e / (v_dot_h**2 * h[2] ** 4)
-
-
-def _ashikhmin_shirley(p: Mapping[str, Any], light: Any, view: Any) -> Number:
-    a, b, r_s, r_d = (mp.mpf(p[k]) for k in ("n_u", "n_v", "r_s", "r_d"))
-    total = mp.zero
-    if p["specular"] == "paper":
-        h = _half(light, view)
-        u = _dot(view, h)
-        t2 = h[0] ** 2 + h[1] ** 2
-        n = (a * h[0] ** 2 + b * h[1] ** 2) / t2 if t2 > 0 else a
-        total += (
-            mp.sqrt((a + 1) * (b + 1)) / (8 * mp.pi) * h[2] ** n / (u * max(light[2], view[2]))
-        ) * (r_s + (1 - r_s) * (1 - u) ** 5)
-    if p["diffuse"] == "lambert":
-        total += r_d / mp.pi
-    elif p["diffuse"] == "paper":
-        both = (1 - (1 - light[2] / 2) ** 5) * (1 - (1 - view[2] / 2) ** 5)
-        total += 28 * r_d / (23 * mp.pi) * (1 - r_s) * both
-    return total
-
-
-def _cook_torrance(p: Mapping[str, Any], light: Any, view: Any) -> Number:
-    name = p["distribution"]
-    width = (p["alpha_x"], p["alpha_y"]) if "alpha_x" in p else (p["n_u"], p["n_v"])
-    h = _half(light, view)
-    u = _dot(view, h)
-    g = mp.one
-    if p["geometry"] == "v_cavity":
-        g = min(g, 2 * h[2] * light[2] / u, 2 * h[2] * view[2] / u)
-    elif p["geometry"] != "none":
-        a, b = smith_lambda(name, width, light), smith_lambda(name, width, view)
-        g = 1 / (1 + a + b) if p["geometry"] == "smith_correlated" else 1 / ((1 + a) * (1 + b))
-    # 1982: F/pi, with a distribution that lacks 1/pi.
-    quarter = mp.one if p["prefactor"] == "1/pi" else mp.mpf("0.25")
-    return _fresnel(p, u) * distribution(name, width, h) * g * quarter / (light[2] * view[2])
 
 
 def poisson_sum(g: Number, c: Number) -> Number:
@@ -340,56 +248,20 @@ def poisson_sum(g: Number, c: Number) -> Number:
         return mp.fsum(mp.exp(height(m)) for m in steps if m > 0) * mp.mpf("0.4") * wide
 
 
-def _he_torrance(p: Mapping[str, Any], light: Any, view: Any) -> Number:
-    total = mp.mpf(p["a_ud"]) / mp.pi
-    if p["directional_diffuse"] == "off":
-        return total
-    sigma0, tau, wavelength = (mp.mpf(p[k]) for k in ("sigma0", "tau", "wavelength"))
-    k = 2 * mp.pi / wavelength
-
-    def seen(v: Sequence[Number]) -> tuple[Number, Number]:
-        """S1 and K of a direction."""
-        tangent = mp.sqrt(v[0] ** 2 + v[1] ** 2) / v[2]
-        if tangent == 0:
-            return mp.one, mp.zero
-        a = tau / (2 * sigma0 * tangent)
-        return (1 - mp.erfc(a) / 2) / (1 + beckmann_lambda(a)), tangent * mp.erfc(a)
-
-    s_l, k_l = seen(light)
-    s_v, k_v = seen(view)
-    # sqrt(pi/2) z0 = (sigma0/4)(K_L + K_V) exp(-z0^2/(2 sigma0^2)), solved for z0/sigma0.
-    slope = (k_l + k_v) / (4 * mp.sqrt(mp.pi / 2))
-    z0 = mp.sqrt(mp.lambertw(slope * slope).real)
-    sigma = sigma0 / mp.sqrt(1 + z0 * z0)
-    g = (k * sigma * (light[2] + view[2])) ** 2
-    lateral = k * k * ((light[0] + view[0]) ** 2 + (light[1] + view[1]) ** 2)
-    d = (mp.pi * tau / (2 * wavelength)) ** 2 * poisson_sum(g, lateral * tau * tau / 4)
-    h = _half(light, view)
-    u = _dot(view, h)
-    geometry = (2 * u / h[2]) ** 2
-    return total + _fresnel(p, u) * geometry * s_l * s_v * d / (mp.pi * light[2] * view[2])
+def oracle(name: str) -> Any:
+    """The module of ``oracles/`` that holds the second copy of a model, and the sets to try."""
+    return import_module(f"oracles.{name}")
 
 
-ORACLES: dict[str, Callable[[Mapping[str, Any], Any, Any], Number]] = {
-    "ashikhmin_shirley": _ashikhmin_shirley,
-    "blinn": _blinn,
-    "blinn_original": _blinn_original,
-    "cook_torrance": _cook_torrance,
-    "he_torrance": _he_torrance,
-    "lambert": _lambert,
-    "max_phong": _max_phong,
-    "max_phong_anisotropic": _max_phong_anisotropic,
-    "phong": _phong,
-    "phong_original": _phong_original,
-    "ward": _ward,
-    "ward_bounded": _ward_bounded,
-    "ward_duer": _ward_duer,
-}
+def amplification(model: Any) -> float:
+    """By how much a model's equation amplifies roundings beyond a lobe's: its oracle may say so."""
+    said = getattr(oracle(model.name), "amplification", None)
+    return 1.0 if said is None else float(said(model.parameters))
 
 
 def brdf(model: Any, wi: Sequence[float], wo: Sequence[float]) -> Number:
     """The finite part of a model for raw directions, whose lengths are made 1 exactly."""
-    return ORACLES[model.name](model.parameters, unit(wi), unit(wo))
+    return oracle(model.name).brdf(model.parameters, unit(wi), unit(wo))
 
 
 def brdf_with_slack(model: Any, wi: np.ndarray, wo: np.ndarray) -> tuple[float, float]:

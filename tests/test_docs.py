@@ -164,7 +164,7 @@ def example(start: str) -> str:
 
 MODEL = example('"""Lommel and Seeliger')
 STUDY = example('"""How much')
-ORACLE = example("def _lommel_seeliger")
+ORACLE = example('"""lommel_seeliger, once')
 ENTRY = example("@article{seeliger1887")
 
 
@@ -226,8 +226,7 @@ def test_the_steps_of_the_guide_pass_the_tests(tmp_path: Path) -> None:
     entries = bib.read_text(encoding="utf-8")
     later = min(key for key in re.findall(r"^@\w+\{(\w+),", entries, re.M) if key > "seeliger1887")
     bib.write_text(re.sub(rf"^(@\w+\{{{later},)", rf"{ENTRY}\n\1", entries, flags=re.M), "utf-8")
-    with (tmp_path / "tests/exact.py").open("a", encoding="utf-8") as file:
-        file.write(f'\n\n{ORACLE}\n\nORACLES["lommel_seeliger"] = _lommel_seeliger\n')
+    (tmp_path / "tests/oracles/lommel_seeliger.py").write_text(ORACLE, encoding="utf-8")
     tests = ["tests/test_models.py", "tests/test_references.py"]
     chosen = ["-k", "lommel_seeliger or references"]
     run = subprocess.run(
