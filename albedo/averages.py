@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import itertools
 import math
+from typing import Any
 
 import numpy as np
 
 from albedo.brdf import Model
 from albedo.estimate import Estimate
-from albedo.integrators.adaptive import integrate
+from albedo.integrators.adaptive import Result, integrate
 from albedo.quadrature import (
     DEFAULT_LIMIT,
     albedo_rows,
@@ -95,7 +96,8 @@ def average_albedo(
     Returns
     -------
     Estimate
-        Of shape (), kind ``bound``; `evaluations` counts those of the model.
+        Of shape (), or (channels,) where a colour of the model has several; kind ``bound``;
+        `evaluations` counts those of the model.
 
     Raises
     ------
@@ -111,6 +113,22 @@ def average_albedo(
     True
     """
     check_tolerances(rtol, atol)
+    options: dict[str, Any] = {"fixed": fixed, "max_evaluations": max_evaluations}
+    kinds = model.by_channel()
+    found = [_average(kind, rtol, atol, **options) for kind in kinds]
+    names = ("value", "error", "evaluations", "converged")
+    value, error, evaluations, converged = (
+        np.concatenate([getattr(one, name) for one in found]) for name in names
+    )
+    estimate = Estimate(value, error, "bound", evaluations, converged, model.resolved_width)
+    warn_unconverged(estimate, rtol, atol)
+    return reshaped(estimate, () if model.channels is None else (len(kinds),))
+
+
+def _average(
+    model: Model, rtol: float, atol: float, *, fixed: str, max_evaluations: int | None
+) -> Result:
+    """The average of one channel, of shape (1,)."""
     inner = max(0.1 * rtol, 1e-13)
     used = 0
     worst = 0.0
@@ -151,8 +169,4 @@ def average_albedo(
     )
     error = error + 2.0 * _LOWEST**2 * np.abs(lowest.value)
     converged = error <= np.maximum(atol, rtol * np.abs(result.value))
-    estimate = Estimate(
-        *(result.value, error, "bound", np.array([used]), converged, model.resolved_width)
-    )
-    warn_unconverged(estimate, rtol, atol)
-    return reshaped(estimate, ())
+    return Result(result.value, error, np.array([used]), converged)

@@ -88,6 +88,35 @@ class Real(Parameter):
 
 
 @dataclass(frozen=True)
+class Color(Real):
+    """A number, or a tuple of numbers: one for each channel, such as red, green and blue.
+
+    Reading it on one channel of a model gives the number of that channel.
+    """
+
+    def __get__(self, model: Model | None, owner: type) -> Any:
+        if model is None:
+            return self
+        value = model.parameters[self.name]
+        if isinstance(value, tuple) and model.selected_channel is not None:
+            return value[model.selected_channel]
+        return value
+
+    @property
+    def range_text(self) -> str:
+        """The interval that every channel lies in."""
+        return super().range_text + ", or a tuple of such"
+
+    def check(self, model: str, value: Any) -> Any:
+        """A finite float in range, or a tuple of them."""
+        if not (isinstance(value, tuple | list) or np.ndim(value) == 1):
+            return super().check(model, value)
+        if not len(value):
+            raise InputError(f"{model}: {self.name} has no channel; {self._allowed}")
+        return tuple(super(Color, self).check(model, item) for item in value)
+
+
+@dataclass(frozen=True)
 class Choice(Parameter):
     """A parameter that is one of a few words."""
 
@@ -179,6 +208,9 @@ class Model:
     resolved_width: float | None = None
     """Feature width down to which a bound holds, when nothing finer is declared (radians)."""
 
+    selected_channel: int | None = None
+    """Which channel of its colours this model stands for; see `channel`."""
+
     _declared: ClassVar[dict[str, Parameter]] = {}
     parameters: Mapping[str, Any]
 
@@ -217,15 +249,23 @@ class Model:
                 )
         frozen = MappingProxyType({k: stored[k] for k in stored if k in used})
         object.__setattr__(self, "parameters", frozen)
+        lengths = {k: len(v) for k, v in self._colors().items()}
+        if len(set(lengths.values())) > 1:
+            counts = ", ".join(f"{k} has {count}" for k, count in lengths.items())
+            raise InputError(f"{self.name}: colours must have equally many channels; {counts}")
 
     def __setattr__(self, key: str, value: Any) -> None:
         raise AttributeError(f"{self.name} is frozen; use .replace({key}=...) for a changed copy")
 
     def __eq__(self, other: object) -> bool:
-        return type(self) is type(other) and self.parameters == other.parameters
+        return (
+            type(self) is type(other)
+            and self.parameters == other.parameters
+            and self.selected_channel == other.selected_channel
+        )
 
     def __hash__(self) -> int:
-        return hash((type(self), tuple(self.parameters.items())))
+        return hash((type(self), tuple(self.parameters.items()), self.selected_channel))
 
     def __repr__(self) -> str:
         return f"<albedo model {self.spec}>"
@@ -247,6 +287,35 @@ class Model:
             for target in declared.targets if isinstance(declared, Alias) else (key,):
                 kept.pop(target, None)
         return type(self)(**kept, **values)
+
+    def _colors(self) -> dict[str, tuple[float, ...]]:
+        """The colours that have channels."""
+        kept = self.parameters.items()
+        return {
+            k: v for k, v in kept if isinstance(self._declared[k], Color) and isinstance(v, tuple)
+        }
+
+    @property
+    def channels(self) -> int | None:
+        """How many channels the model has; None when its colours are numbers, or one is chosen."""
+        found = self._colors()
+        if self.selected_channel is not None or not found:
+            return None
+        return len(next(iter(found.values())))
+
+    def by_channel(self) -> list[Model]:
+        """One model for every channel; the model itself when it has none."""
+        count = self.channels
+        return [self] if count is None else [self.channel(i) for i in range(count)]
+
+    def channel(self, index: int) -> Model:
+        """The model in one channel of its colours: values and albedos are numbers again."""
+        count = self.channels
+        if count is None or not 0 <= index < count:
+            raise InputError(f"{self.spec} has no channel {index}; it has {count or 'none'}")
+        chosen = copy.copy(self)
+        object.__setattr__(chosen, "selected_channel", index)
+        return chosen
 
     @property
     def spec(self) -> str:
@@ -291,13 +360,16 @@ class Model:
         Returns
         -------
         ndarray, shape (...)
-            Values in 1/sr; 0 where either direction is not above the horizon.
+            Values in 1/sr; 0 where either direction is not above the horizon. Shape
+            (channels, ...) where a colour of the model has channels.
 
         Raises
         ------
         InputError
             When an input is not an array of finite unit vectors, or shapes do not broadcast.
         """
+        if self.channels is not None:
+            return np.stack([model.eval(wi, wo) for model in self.by_channel()])
         light, view = unit_vectors(wi, "wi"), unit_vectors(wo, "wo")
         try:
             light, view = np.broadcast_arrays(light, view)

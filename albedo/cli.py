@@ -272,21 +272,23 @@ def evaluate(
     rows: list[dict[str, Any]] = []
     with _warnings_as_lines(), _compiling(), _progress("evaluating", spec.count) as advance:
         for done, (label, built) in enumerate(_labelled(spec), 1):
-            if average:
-                estimate = albedo.average_albedo(built, rtol=rtol, fixed=fixed)
-                rows += _rows(label, "average albedo", estimate, None, None, None)
-            else:
+            for channel, kind in enumerate(built.by_channel()):
+                number = None if kind is built else channel
+                if average:
+                    estimate = albedo.average_albedo(kind, rtol=rtol, fixed=fixed)
+                    rows += _rows(label, number, "average albedo", estimate, None, None, None)
+                    continue
                 quantity = "1 - albedo" if complement else "albedo"
                 for azimuth in azimuths:
                     estimate = albedo.directional_albedo(
-                        built,
+                        kind,
                         cosines,
                         phi=_radians(azimuth),
                         rtol=rtol,
                         fixed=fixed,
                         complement=complement,
                     )
-                    rows += _rows(label, quantity, estimate, cosines, angles, azimuth)
+                    rows += _rows(label, number, quantity, estimate, cosines, angles, azimuth)
             advance(done, spec.count)
     if as_json:
         import json
@@ -304,6 +306,7 @@ def evaluate(
 
 def _rows(
     label: str,
+    channel: int | None,
     quantity: str,
     estimate: Any,
     cosines: np.ndarray | None,
@@ -318,6 +321,8 @@ def _rows(
     for index in range(1 if cosines is None else len(cosines)):
         for part, item in (("total", estimate), *several.items()):
             row: dict[str, Any] = {"model": label, "quantity": quantity}
+            if channel is not None:
+                row["channel"] = channel
             if several:
                 row["part"] = part
             if cosines is not None and angles is not None:
@@ -340,6 +345,7 @@ def _print_rows(rows: list[dict[str, Any]]) -> None:
     # Columns that say the same in every row only take room.
     several_azimuths = len({row.get("phi") for row in rows} | {0.0}) > 1
     heads = ["model"]
+    heads += ["channel"] if "channel" in rows[0] else []
     heads += ["part"] if "part" in rows[0] else []
     heads += ["theta"] if "theta" in rows[0] else []
     heads += ["cos_theta"] if "theta" in rows[0] else []

@@ -282,22 +282,26 @@ def measure(
 
     total = sum(spec.count for spec in specs)
     curves: list[Curve] = []
+    done = 0
     for spec in specs:
         for values, model in zip(spec.assignments(), spec.models(), strict=True):
-            estimate = albedo.directional_albedo(model, cos_theta, phi=phi, rtol=rtol)
             numbers = [(key, value) for key, value in values.items() if isinstance(value, float)]
-            curves.append(
-                Curve(
-                    label=format_spec(spec.name, {**spec.fixed, **values}),
-                    name=spec.name,
-                    cos_theta=cos_theta,
-                    value=np.asarray(estimate.value),
-                    error=np.asarray(estimate.error),
-                    swept=numbers[0] if len(values) == 1 and numbers else None,
+            label = format_spec(spec.name, {**spec.fixed, **values})
+            for channel, kind in enumerate(model.by_channel()):
+                estimate = albedo.directional_albedo(kind, cos_theta, phi=phi, rtol=rtol)
+                curves.append(
+                    Curve(
+                        label=label if kind is model else f"{label}, channel {channel}",
+                        name=spec.name,
+                        cos_theta=cos_theta,
+                        value=np.asarray(estimate.value),
+                        error=np.asarray(estimate.error),
+                        swept=numbers[0] if len(values) == 1 and numbers else None,
+                    )
                 )
-            )
+            done += 1
             if progress is not None:
-                progress(len(curves), total)
+                progress(done, total)
     return curves
 
 

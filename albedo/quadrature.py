@@ -89,7 +89,8 @@ def directional_albedo(
     Returns
     -------
     Estimate
-        Arrays shaped as the broadcast of `cos_theta` and `phi`, of kind ``bound``.
+        Arrays shaped as the broadcast of `cos_theta` and `phi`, of kind ``bound``; with a leading
+        axis of channels where a colour of the model has several.
 
     Raises
     ------
@@ -111,9 +112,10 @@ def directional_albedo(
     """
     c, p = check_directions(cos_theta, phi)
     c, p = np.broadcast_arrays(c, p)
+    kinds = model.by_channel()
     estimate = albedo_rows(
-        [model] * c.size,
-        *(c.ravel(), p.ravel()),
+        [kind for kind in kinds for _ in range(c.size)],
+        *(np.tile(c.ravel(), len(kinds)), np.tile(p.ravel(), len(kinds))),
         rtol=rtol,
         atol=atol,
         fixed=fixed,
@@ -121,7 +123,7 @@ def directional_albedo(
         max_evaluations=max_evaluations,
     )
     warn_unconverged(estimate, rtol, atol)
-    return reshaped(estimate, c.shape)
+    return reshaped(estimate, c.shape if model.channels is None else (model.channels, *c.shape))
 
 
 def warn_unconverged(estimate: Estimate, rtol: float, atol: float) -> None:

@@ -60,7 +60,8 @@ def table(
     -------
     xarray.Dataset
         Variables ``value``, ``error``, ``evaluations`` and ``converged`` with dimensions (sweep
-        names..., phi, cos_theta), units, and the provenance in its attributes.
+        names..., phi, cos_theta), units, and the provenance in its attributes. Where a colour has
+        channels, the dimension ``channel`` stands before phi.
 
     Raises
     ------
@@ -84,9 +85,13 @@ def table(
     ]
     phis, cosines = (a.ravel() for a in np.meshgrid(p, c, indexing="ij"))
     per_model = phis.size
-    rows = [m for m in models for _ in range(per_model)]
+    counts = {m.channels for m in models}
+    if len(counts) > 1:
+        raise InputError("all entries of a table must have equally many channels")
+    channels = counts.pop()
+    rows = [kind for m in models for kind in m.by_channel() for _ in range(per_model)]
     total = len(rows)
-    cosines, phis = np.tile(cosines, len(models)), np.tile(phis, len(models))
+    cosines, phis = np.tile(cosines, total // per_model), np.tile(phis, total // per_model)
     # Every batch takes rows from all over the table, so that all cost about the same.
     batches = -(-total // _CHUNK)
     turn = np.arange(total) % (2 * batches)
@@ -127,8 +132,9 @@ def table(
     )
     joined = Estimate(value, error, "bound", evaluations, converged)
     warn_unconverged(joined, rtol, atol)
-    shape = (*(len(v) for v in axes.values()), p.size, c.size)
-    dims = (*axes, "phi", "cos_theta")
+    channel = {} if channels is None else {"channel": channels}
+    shape = (*(len(v) for v in axes.values()), *channel.values(), p.size, c.size)
+    dims = (*axes, *channel, "phi", "cos_theta")
     what = "complement of the directional albedo" if complement else "directional albedo"
     labels = {
         "value": (what, "1"),
@@ -145,6 +151,12 @@ def table(
         name: (name, values, {"long_name": info[name].doc, "units": info[name].unit})
         for name, values in axes.items()
     }
+    if channels is not None:
+        coordinates["channel"] = (
+            "channel",
+            np.arange(channels),
+            {"long_name": "channel of colours"},
+        )
     coordinates["phi"] = ("phi", p, {"long_name": "azimuth of the fixed direction", "units": "rad"})
     coordinates["cos_theta"] = (
         *("cos_theta", c),
