@@ -211,6 +211,12 @@ class Model:
     selected_channel: int | None = None
     """Which channel of its colours this model stands for; see `channel`."""
 
+    tables: ClassVar[tuple[str, ...]] = ()
+    """Default tables: what each sweeps, in the grammar of models, such as ``m=0.02..1/32``."""
+
+    domain: ClassVar[str] = ""
+    """What an energy map sweeps: the ranges of the main parameters, in the same grammar."""
+
     _declared: ClassVar[dict[str, Parameter]] = {}
     parameters: Mapping[str, Any]
 

@@ -101,6 +101,15 @@ ModelArgument = Annotated[
         autocompletion=_complete_model,
     ),
 ]
+OptionalModelArgument = Annotated[
+    str | None,
+    typer.Argument(
+        metavar="MODEL",
+        help="A model with its parameters, such as ward:m=0.1; sweeps such as ward:m=0.02..1/32 "
+        "or ward:m=[.1,.2,.5] are allowed.",
+        autocompletion=_complete_model,
+    ),
+]
 CosOption = Annotated[
     str | None,
     typer.Option(
@@ -378,10 +387,14 @@ def _short(value: Any) -> str:
 
 @app.command()
 def table(
-    model: ModelArgument,
     output: Annotated[
-        Path, typer.Option("-o", "--output", help="File that ends in .nc (netCDF) or .csv.")
+        Path,
+        typer.Option(
+            "-o", "--output", help="File that ends in .nc (netCDF) or .csv; with --all, a folder."
+        ),
     ],
+    model: OptionalModelArgument = None,
+    every: Annotated[bool, typer.Option("--all", help="The default tables of all models.")] = False,
     cos: CosOption = None,
     theta: ThetaOption = None,
     phi: PhiOption = "0",
@@ -395,12 +408,26 @@ def table(
     Without --cos and --theta: 0.01..1/32 in the cosine. netCDF keeps units, citations, tolerance
     and version beside the numbers; CSV has one row per value. Files have azimuths in radians.
 
+    --all writes the default tables of all models as netCDF files into a folder. A run that was
+    interrupted goes on where it stopped.
+
     \b
     Examples:
       albedo table "ward:m=0.02..1/32" -o ward.nc
       albedo table "phong:n=1..1e6/61log" --cos 1e-4..1/41log -o phong.csv --threads 4
       albedo table ward:alpha_x=0.1,alpha_y=0.3 --theta 0..85/18 --phi 0..90/7 -o aniso.nc
+      albedo table --all -o tables --rtol 1e-6 --threads 2
     """
+    if every:
+        given = {"a model": model, "--cos": cos, "--theta": theta, "--complement": complement}
+        odd = [what for what, value in given.items() if value]
+        odd += ["--phi"] * (phi != "0") + ["--fixed"] * (fixed != "light")
+        if odd:
+            raise InputError(f"--all writes the default tables and does not go with {odd[0]}.")
+        _write_atlas(output, rtol, threads)
+        return
+    if model is None:
+        raise InputError("Name a model such as ward:m=0.02..1/32, or write all with --all.")
     import numpy as np
 
     import albedo
@@ -432,6 +459,14 @@ def table(
     save_table(dataset, output)
     what = "complements" if complement else "albedos"
     typer.echo(f"{output}: {dataset['value'].size} {what} of {spec}")
+
+
+def _write_atlas(output: Path, rtol: float, threads: int) -> None:
+    from albedo.atlas import sheets, write_atlas
+
+    with _warnings_as_lines(), _compiling(), _progress("computing tables", None) as advance:
+        files = write_atlas(output, list(sheets(rtol)), threads=threads, progress=advance)
+    typer.echo(f"{output}: {len(files)} tables")
 
 
 @app.command()

@@ -105,6 +105,8 @@ class CookTorrance(Model):
     title = "Cook-Torrance microfacets"
     equation = "NNS eqs. 9, 10; Schwenk eqs. 33 to 39"
     references = ("cook1982", "walter2007", "neumann_pumping", "schwenk2011")
+    tables = ("m=0.02..1/32", "alpha_x=0.02..1/16,alpha_y=0.2")
+    domain = "m=1e-8..10/46log"
 
     alpha_x = Real(0.1, "roughness along the tangent, sqrt(2) x rms slope", low=1e-8, high=10.0)
     alpha_y = Real(0.1, "roughness along the bitangent", low=1e-8, high=10.0)
