@@ -179,6 +179,10 @@ class Part:
         ``loss_chart`` loses: 1 - albedo without cancellation.
     loss_chart : object, optional
         Chart of the domain of the unit integral.
+    columns : tuple of int
+        First and last + 1 of the packed parameters that the kernels see; all of them by default.
+    scale : float
+        A factor of the values.
     """
 
     name: str
@@ -187,6 +191,12 @@ class Part:
     widths: tuple[float, float] = (1.0, 1.0)
     loss: Kernel | None = None
     loss_chart: Any = None
+    columns: tuple[int, int | None] = (0, None)
+    scale: float = 1.0
+
+    def packed(self, rows: np.ndarray) -> np.ndarray:
+        """What the kernels of this part see of packed parameters (rows, k)."""
+        return np.ascontiguousarray(rows[:, slice(*self.columns)])
 
 
 class Model:
@@ -284,6 +294,22 @@ class Model:
     def used(self, values: Mapping[str, Any]) -> tuple[str, ...]:
         """Names of the parameters that matter for this choice of values; all, by default."""
         return tuple(values)
+
+    def __add__(self, other: Any) -> Model:
+        """Both models on one surface: their values, and their albedos, add up."""
+        from albedo.compose import total
+
+        return total(self, other) if isinstance(other, Model) else NotImplemented
+
+    def __mul__(self, factor: Any) -> Model:
+        """The model with all its values multiplied by a number that is not negative."""
+        from albedo.compose import scaled
+
+        return NotImplemented if isinstance(factor, Model) else scaled(self, factor)
+
+    __rmul__ = __mul__
+    # A numpy number times a model is a model.
+    __array_ufunc__ = None
 
     def replace(self, **values: Any) -> Model:
         """A copy with some parameters changed (aliases allowed)."""
@@ -396,6 +422,6 @@ class Model:
             p = np.tile(np.array(self.pack(), dtype=np.float64), (count, 1))
             for part in self.parts():
                 out = np.empty((count, 1))
-                part.fill(wi_k, wo_k, h_k, p, out)
-                total[above] += out[:, 0]
+                part.fill(wi_k, wo_k, h_k, part.packed(p), out)
+                total[above] += part.scale * out[:, 0]
         return total.reshape(shape)

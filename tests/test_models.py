@@ -49,7 +49,7 @@ def filled(part: Any, model: Model, wi: np.ndarray, wo: np.ndarray, h: np.ndarra
     """Values of a part at nodes."""
     p = np.tile(np.array(model.pack(), dtype=float), (wi.shape[1], 1))
     out = np.empty(wo.shape[1:])
-    part.fill(wi, wo, h, p, out)
+    part.fill(wi, wo, h, part.packed(p), out)
     return out
 
 
@@ -232,7 +232,7 @@ def test_compiled_kernels_equal_plain_python(model: Model) -> None:
             wi, wo, h, _ = chart.nodes(
                 geometry[row][keep], code[keep], box[keep], rule.nodes, rule.nodes
             )
-            p = np.tile(np.array(model.pack(), dtype=float), (wi.shape[1], 1))
+            p = part.packed(np.tile(np.array(model.pack(), dtype=float), (wi.shape[1], 1)))
             compiled, plain = np.empty(wo.shape[1:]), np.empty(wo.shape[1:])
             kernel(wi, wo, h, p, compiled)
             with np.errstate(under="ignore"):
