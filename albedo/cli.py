@@ -523,6 +523,53 @@ def plot(
     typer.echo(f"{output}: {len(curves)} curve{'' if len(curves) == 1 else 's'}")
 
 
+@app.command()
+def energy(
+    model: ModelArgument,
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o", "--output", help="Picture (.png, .svg, .pdf); the numbers go beside it as .csv."
+        ),
+    ] = Path("energy.png"),
+    rtol: RtolOption = 1e-6,
+) -> None:
+    """Map the largest and smallest albedo of a model, and mark where it exceeds 1.
+
+    Without a sweep, the domain of the model's main parameters is swept.
+
+    \b
+    Examples:
+      albedo energy ward
+      albedo energy cook_torrance:geometry=none -o cook_torrance.svg
+      albedo energy "max_phong:n=0..4/41" -o max_phong.png
+    """
+    from albedo.analysis.energy import domain, draw, drawn_over, energy_map
+    from albedo.estimate import format_value
+    from albedo.files import check_output, save_csv
+    from albedo.plotting import SUFFIXES, save_figure
+
+    check_output(output, SUFFIXES)
+    spec = domain(model)
+    drawn_over(spec)
+    with _warnings_as_lines(), _compiling(), _progress("mapping", spec.count) as advance:
+        found = energy_map(spec, rtol, progress=advance)
+    numbers = save_csv(found.frame, output.with_suffix(".csv"))
+    typer.echo(f"{numbers}: {len(found.frame)} sets of parameters of {spec}")
+    for what, row in (
+        ("largest", found.frame.loc[found.frame["max_albedo"].idxmax()]),
+        ("smallest", found.frame.loc[found.frame["min_albedo"].idxmin()]),
+    ):
+        name = {"largest": "max", "smallest": "min"}[what]
+        value = format_value(row[f"{name}_albedo"], row[f"{name}_albedo_error"])
+        at = ", ".join(f"{key} = {_short(row[key])}" for key in spec.sweep)
+        typer.echo(f"{what} albedo: {value} at {at}, cos θ = {row[f'{name}_cos_theta']:.6g}")
+    count = int((found.frame["exceeds_one"] == "yes").sum())
+    typer.echo(f"exceeds 1: {count} of {len(found.frame)}")
+    save_figure(draw(found), output)
+    typer.echo(f"{output}: the map")
+
+
 @study_app.command("list")
 def list_studies(studies_dir: StudiesDirOption = None) -> None:
     """List the studies of a folder; the status is 1 if one of them cannot be read.

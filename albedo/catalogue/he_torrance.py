@@ -177,7 +177,7 @@ class HeTorrance(Model):
     equation = "He et al. 1991, eqs. 70 to 82"
     references = ("he1991", "neumann_pumping")
     tables = ("sigma0=0.02..0.5/32",)
-    domain = "sigma0=1e-3..10/21log,tau=0.1..100/13log"
+    domain = "sigma0=0.01..1/9log,tau=0.5..50/9log"
     conserves_energy = False
 
     sigma0 = Real(0.1, "rms height of the surface", "um", low=1e-4, high=100.0)
