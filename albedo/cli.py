@@ -175,15 +175,24 @@ def models(
             metavar="NAME", help="Show one model in full.", autocompletion=_complete_model
         ),
     ] = None,
+    as_markdown: Annotated[
+        bool, typer.Option("--markdown", help="Print the list as a Markdown table.")
+    ] = False,
 ) -> None:
-    """List the models, or show one: parameters, ranges, units, promises, equation, references.
+    """List the models, or show one: its formula, sources, promises and parameters.
 
     \b
     Examples:
       albedo models
       albedo models cook_torrance
     """
-    if name is None:
+    if as_markdown and name is not None:
+        raise InputError("--markdown prints the list of all models and does not go with a name.")
+    if as_markdown:
+        from albedo.describe import markdown
+
+        typer.echo(markdown(), nl=False)
+    elif name is None:
         _list_models()
     else:
         _show_model(name)
@@ -200,14 +209,20 @@ def _list_models() -> None:
 
 
 def _show_model(name: str) -> None:
+    import inspect
+
     from albedo.catalogue import model_class
+    from albedo.describe import citation, promises
 
     kind = model_class(name)
-    typer.echo(f"{kind.name}: {kind.title}")
-    typer.echo(f"equation:          {kind.equation}")
-    typer.echo(f"references:        {', '.join(kind.references)}")
-    typer.echo(f"reciprocal:        {_yes(kind.reciprocal)}")
-    typer.echo(f"conserves energy:  {_yes(kind.conserves_energy)}")
+    typer.echo(f"{kind.name}: {kind.title}\n")
+    typer.echo(inspect.getdoc(kind))
+    typer.echo(f"\nequation:  {kind.equation}")
+    for key in kind.references:
+        typer.echo(f"source:    {citation(key)}")
+    typer.echo()
+    for promise, said in promises(kind).items():
+        typer.echo(f"{promise + ':':28s} {said}")
     table = _new_table("parameter", "default", "allowed", "unit", "meaning")
     for item in kind.parameter_info():
         table.add_row(item.name, _default(item.default), item.range_text, item.unit, item.doc)

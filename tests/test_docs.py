@@ -27,6 +27,7 @@ from typer.testing import CliRunner
 import albedo
 import albedo.catalogue
 from albedo.cli import app
+from albedo.describe import citation, markdown
 from albedo.studies import StudyFile, run_study
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -237,3 +238,13 @@ def test_the_steps_of_the_guide_pass_the_tests(tmp_path: Path) -> None:
         check=False,
     )
     assert run.returncode == 0, run.stdout
+
+
+def test_the_list_of_models_is_current() -> None:
+    """``albedo models --markdown`` prints what stands in README.md."""
+    (shown,) = re.findall(r"<!-- models -->\n(.*?)<!-- end -->", README, re.S)
+    assert shown == markdown()
+
+
+def test_sources_are_readable() -> None:
+    assert citation("duer2006").startswith("Dür: An Improved Normalization for the Ward")
