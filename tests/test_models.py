@@ -246,6 +246,7 @@ def test_compiled_kernels_equal_plain_python(model: Model) -> None:
     "chart",
     [
         CosineChart("max"),
+        CosineChart("max", angle=True),
         PolarChart("slope", "v_cavity", "gaussian", 2, 2),
         PolarChart("slope", "max", "cosine_power", 4, full=True),
         PolarChart("mirror", "max", "cosine_power", 4),
