@@ -7,6 +7,7 @@ degrees, so that albedos are closed forms, or integrals over one angle.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from exact import Number, mp, oracle
 
 import albedo
 from albedo.brdf import Model
+from albedo.catalogue._oren_nayar import CHART
 from albedo.directions import spherical
 
 EPS = np.finfo(float).eps
@@ -110,6 +112,42 @@ def test_the_full_model_is_never_negative() -> None:
     light, opposite = spherical(1e-6, 0.0), spherical(1e-6, math.pi)
     assert albedo.model("oren_nayar_full", rho=1e-3, sigma=0.664).eval(light, opposite) > 0.0
     assert albedo.model("oren_nayar_full", rho=1e-3, sigma=0.666).eval(light, opposite) == 0.0
+
+
+@pytest.mark.parametrize(("rho", "sigma"), [(0.5, 1.2), (0.1, 0.8), (0.1, 0.5 * math.pi)])
+@pytest.mark.parametrize("isotropic", [True, False])
+def test_the_chart_without_the_dark_region_misses_nothing(
+    rho: float, sigma: float, isotropic: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Against the chart that covers the hemisphere, which has to find the edge by cutting cells."""
+    model = albedo.model("oren_nayar_full", rho=rho, sigma=sigma)
+    kind = type(model)
+    (part,) = model.parts()
+    assert part.chart != CHART
+    monkeypatch.setattr(kind, "isotropic", isotropic)
+    found = albedo.directional_albedo(model, COSINES, 0.7, rtol=1e-11)
+    assert np.all(found.converged)
+    assert np.max(found.evaluations) <= 20_000
+    monkeypatch.setattr(kind, "parts", lambda self: (replace(part, chart=CHART),))
+    whole = albedo.directional_albedo(model, COSINES, 0.7, rtol=1e-7)
+    assert np.all(np.abs(found.value - whole.value) <= found.error + whole.error)
+
+
+def test_the_dark_region_is_declared_where_there_is_one() -> None:
+    """f is smallest where both directions graze, opposite each other."""
+    mu = np.geomspace(1e-7, 1.0, 40)
+    psi = math.pi - np.append(0.0, np.geomspace(1e-7, math.pi, 40))
+    wi = spherical(mu[:, None, None], 0.0)
+    wo = spherical(mu[None, :, None], psi[None, None, :])
+    for sigma in (0.7, 0.8, 1.2, 0.5 * math.pi):
+        rhos = np.linspace(0.02, 0.98, 49)
+        dark = []
+        for rho in rhos:
+            model = albedo.model("oren_nayar_full", rho=rho, sigma=sigma)
+            dark.append(model.parts()[0].chart != CHART)
+            assert dark[-1] == bool(np.any(model.eval(wi, wo) == 0.0))
+        assert any(dark)
+        assert not all(dark)
 
 
 @pytest.mark.parametrize("r", [1e-3, 0.3, 1.0])

@@ -7,6 +7,7 @@ import math
 from albedo._compile import kernel
 from albedo.brdf import Model, Part, Real
 from albedo.catalogue._oren_nayar import CHART, interreflection, spread
+from albedo.charts.dark import DarkChart, opposite
 
 # What C_3 adds at grazing incidence, and C_2, over s^2/(s^2 + 0.09): integrals over beta.
 _GRAZING = 0.177196556363678
@@ -38,9 +39,7 @@ def fill(wi, wo, h, p, out):
                 sin_a, cos_a, sin_b, cos_b, x = sin_v, vz, sin_l, lz, x_l
             c_2 = 0.45 * lobe * sin_a
             if c < 0.0:
-                # sin(alpha) - (2 beta/pi)^3, both of which are nearly 1 at grazing angles.
-                shadow = cos_a * cos_a / (1.0 + sin_a)
-                c_2 = 0.45 * lobe * (x * (3.0 + x * (x - 3.0)) - shadow)
+                c_2 = 0.45 * lobe * opposite(sin_a, cos_a, x)
             c_3 = 0.125 * lobe * ((1.0 - x_l) * (1.0 - x_v)) ** 2
             toward = c * c_2 * (sin_b / cos_b)
             sideways = across * c_3 * ((sin_l + sin_v) / (lz + vz))
@@ -91,4 +90,9 @@ class OrenNayarFull(Model):
         return (self.rho / math.pi, 1.0 - 0.5 * masked, lobe, second)
 
     def parts(self) -> tuple[Part, ...]:
-        return (Part("diffuse", fill, CHART),)
+        _, c_1, lobe, second = self.pack()
+        # What f tends to where both directions graze, opposite each other.
+        dark = c_1 - 2.7 / math.pi * lobe + 2.0 * second < 0.0
+        return (
+            Part("diffuse", fill, DarkChart(c_1=c_1, lobe=lobe, second=second) if dark else CHART),
+        )

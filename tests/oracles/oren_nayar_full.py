@@ -12,7 +12,7 @@ CASES: list[dict[str, Any]] = [
     {"sigma": 0.1},
     {"sigma": 0.3, "rho": 0.95},
     {"sigma": 0.65, "rho": 0.1},
-    {"sigma": 0.8, "rho": 0.5},
+    {"sigma": 0.8, "rho": 0.1},
     {"sigma": 1.2, "rho": 0.3},
     {"sigma": 1.2},
 ]
