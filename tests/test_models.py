@@ -17,6 +17,7 @@ import pytest
 import albedo
 from albedo.brdf import Model, Real
 from albedo.charts.cosine import CosineChart
+from albedo.charts.dark import DarkChart
 from albedo.charts.polar import PolarChart
 from albedo.directions import spherical
 from albedo.grammar import format_spec, parse
@@ -246,6 +247,8 @@ def test_compiled_kernels_equal_plain_python(model: Model) -> None:
     "chart",
     [
         CosineChart("max"),
+        CosineChart("max", angle=True),
+        DarkChart(c_1=0.6, lobe=0.9, second=0.02),
         PolarChart("slope", "v_cavity", "gaussian", 2, 2),
         PolarChart("slope", "max", "cosine_power", 4, full=True),
         PolarChart("mirror", "max", "cosine_power", 4),
