@@ -66,6 +66,8 @@ class Eon(Model):
     title = "Energy-preserving Oren-Nayar (EON)"
     equation = "Portsmouth et al. 2024"
     references = ("portsmouth2024",)
+    tables = ("r=0..1/32",)
+    domain = "r=0..1/21"
 
     rho = Real(1.0, "albedo of the facets", low=0.0, high=1.0)
     r = Real(0.5, "roughness", low=0.0, high=1.0)

@@ -35,6 +35,8 @@ class Fujii(Model):
     title = "Oren-Nayar as improved by Fujii"
     equation = "Fujii; Portsmouth et al. 2024"
     references = ("oren1994", "portsmouth2024")
+    tables = ("sigma=0..1.2/32",)
+    domain = "sigma=0..1.5/31"
 
     rho = Real(1.0, "albedo of the facets", low=0.0, high=1.0)
     form = Choice("matched", "coefficients A and B", choices=("matched", "artist"))

@@ -34,6 +34,8 @@ class OrenNayar(Model):
     title = "Oren-Nayar, qualitative model"
     equation = "Oren and Nayar 1994; Schwenk eq. 34"
     references = ("oren1994", "schwenk2011")
+    tables = ("sigma=0..1.2/32",)
+    domain = "sigma=0..1.5/31"
 
     rho = Real(1.0, "albedo of the facets", low=0.0, high=1.0)
     sigma = Real(

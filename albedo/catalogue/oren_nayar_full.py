@@ -66,6 +66,8 @@ class OrenNayarFull(Model):
     title = "Oren-Nayar, full model with interreflection"
     equation = "Oren and Nayar 1994"
     references = ("oren1994",)
+    tables = ("sigma=0..1.2/32",)
+    domain = "sigma=0..1.5/31"
 
     rho = Real(1.0, "albedo of the facets", low=0.0, high=1.0)
     sigma = Real(
