@@ -51,7 +51,10 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Real(Parameter):
-    """A real parameter in a closed interval, open below when `open_low`."""
+    """A real parameter in a closed interval, open below when `open_low`.
+
+    With the default None it may be left out: then the model works without it.
+    """
 
     low: float = 0.0
     high: float = math.inf
@@ -64,8 +67,10 @@ class Real(Parameter):
         right = ")" if self.high == math.inf else "]"
         return f"{left}{self.low:g}, {self.high:g}{right}"
 
-    def check(self, model: str, value: Any) -> float:
-        """A finite float in range."""
+    def check(self, model: str, value: Any) -> float | None:
+        """A finite float in range; None where that is the default."""
+        if value is None and self.default is None:
+            return None
         if isinstance(value, str | bool) or np.ndim(value) != 0:
             raise InputError(f"{model}: {self.name} = {value!r} is not a number; {self._allowed}")
         if np.iscomplexobj(value):
@@ -233,7 +238,8 @@ class Model:
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
         own = {k: v for k, v in vars(cls).items() if isinstance(v, Parameter)}
-        cls._declared = {**cls._declared, **own}
+        # What a model declares itself comes before what it inherits.
+        cls._declared = {**own, **{k: v for k, v in cls._declared.items() if k not in own}}
 
     def __init__(self, /, **values: Any) -> None:
         values_in = dict(values)
@@ -263,7 +269,8 @@ class Model:
                 raise InputError(
                     f"{self.name} does not use {key} with these choices; it uses {', '.join(used)}"
                 )
-        frozen = MappingProxyType({k: stored[k] for k in stored if k in used})
+        kept = {k: v for k, v in stored.items() if k in used and v is not None}
+        frozen = MappingProxyType(kept)
         object.__setattr__(self, "parameters", frozen)
         lengths = {k: len(v) for k, v in self._colors().items()}
         if len(set(lengths.values())) > 1:
