@@ -93,10 +93,18 @@ SHOWN = [
     *commands(README.partition("## What was found")[0], "albedo eval"),
     *commands(README, "albedo table"),
     *commands(README, "albedo plot"),
+    *commands(README, "albedo energy"),
 ]
 
 
-@pytest.mark.parametrize("arguments", SHOWN, ids=" ".join)
+# All tables take a minute; tests/test_atlas.py writes some of them.
+LONG = [
+    pytest.param(arguments, marks=pytest.mark.slow) if "--all" in arguments else arguments
+    for arguments in SHOWN
+]
+
+
+@pytest.mark.parametrize("arguments", LONG, ids=" ".join)
 def test_commands_work_as_shown(
     arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
