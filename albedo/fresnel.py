@@ -183,7 +183,7 @@ def fit_lazanyi(n: float, k: float) -> LazanyiFit:
     --------
     >>> from albedo.fresnel import fit_lazanyi
     >>> print("%.3f %.2f %.4f" % fit_lazanyi(0.348, 2.714))
-    0.155 3.02 0.0024
+    0.154 3.02 0.0024
     """
     u = np.linspace(0.0, 1.0, 201)
     x = 1.0 - u

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import doctest
 import math
 import sys
 import types
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 import albedo
+import albedo.fresnel
 from albedo import metals
 from albedo.errors import InputError
 from albedo.fresnel import (
@@ -33,6 +35,14 @@ from albedo.metals import METALS, SOURCES, refractive_index
 EPS = np.finfo(float).eps
 mp = exact.mp
 U = np.linspace(0.0, 1.0, 201)
+
+
+@pytest.mark.parametrize("module", [albedo.fresnel, metals], ids=lambda module: module.__name__)
+def test_examples_print_what_is_shown(module: types.ModuleType) -> None:
+    found = doctest.testmod(module)
+    assert found.attempted > 0
+    assert found.failed == 0
+
 
 # Factors ------------------------------------------------------------------------------------------
 
