@@ -133,7 +133,9 @@ class Choice(Parameter):
         return " | ".join(self.choices)
 
     def check(self, model: str, value: Any) -> str:
-        """One of the words."""
+        """One of the words, or the number that one of them spells."""
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            value = f"{value:g}"
         if value not in self.choices:
             raise InputError(
                 f"{model}: {self.name} = {value!r} is unknown; choose one of "

@@ -40,6 +40,15 @@ def dielectric(n, u):
 
 
 @kernel
+def dielectric_transmittance(n, u):
+    """1 - F of the exact equations for a real relative index n >= 1, without cancellation."""
+    g = math.sqrt((n - 1.0) * (n + 1.0) + u * u)
+    across = u + g
+    along = n * n * u + g
+    return 2.0 * u * g * (1.0 / (across * across) + n * n / (along * along))
+
+
+@kernel
 def conductor(n, k, u):
     """Exact equations for a complex index n - ik (Schwenk, eqs. 10 to 12)."""
     s2 = (1.0 - u) * (1.0 + u)

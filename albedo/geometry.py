@@ -22,17 +22,18 @@ def v_dot_h(hx, hy, hz):
 
 
 @kernel
-def mirror_offset2(lx, ly, lz, hx, hy, hz, vz):
-    """|R - V|^2 = 2 (1 - R.V) for the mirror direction R of L, from the half vector.
+def cosine_difference(lx, ly, lz, hx, hy, hz, vz):
+    """n.l - n.v from the half vector: -(2 l - h)_t . h_t / h_z where that rounds less."""
+    if hz * hz > math.sqrt(hx * hx + hy * hy):
+        return -((2.0 * lx - hx) * hx + (2.0 * ly - hy) * hy) / hz
+    return lz - vz
 
-    R - V = (-h_x, -h_y, l_z - v_z), where l_z - v_z = -(2 l - h)_t . h_t / h_z whenever that
-    rounds less than the plain difference.
-    """
-    t2 = hx * hx + hy * hy
-    dz = lz - vz
-    if hz * hz > math.sqrt(t2):
-        dz = -((2.0 * lx - hx) * hx + (2.0 * ly - hy) * hy) / hz
-    return t2 + dz * dz
+
+@kernel
+def mirror_offset2(lx, ly, lz, hx, hy, hz, vz):
+    """|R - V|^2 = 2 (1 - R.V) for the mirror direction R of L: R - V = (-h_x, -h_y, l_z - v_z)."""
+    dz = cosine_difference(lx, ly, lz, hx, hy, hz, vz)
+    return hx * hx + hy * hy + dz * dz
 
 
 @kernel

@@ -35,6 +35,7 @@ Value = float | str | tuple[Any, ...]
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
 # Fractions such as 1/4 and 1/pi are words: they name a choice, and are not computed.
 _WORD = re.compile(r"(?:[A-Za-z_][A-Za-z0-9_]*|[0-9]+)(?:/[A-Za-z0-9_]+)*\Z")
+_DIGIT = re.compile(r"[0-9]\Z")
 _NUMBER_TEXT = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
 _NUMBER = re.compile(_NUMBER_TEXT + r"\Z")
 _COMPLEX = re.compile(rf"(?=.*[0-9])(?:{_NUMBER_TEXT})?[+-]?(?:[0-9.]+(?:[eE][+-]?[0-9]+)?)?[ij]\Z")
@@ -290,7 +291,8 @@ def format_value(value: Any, name: str = "value") -> str:
         The value in the grammar of this module.
     """
     if isinstance(value, str):
-        if not _is_word(value):
+        # A choice may be spelled as a count: what is read is a number, which the choice takes.
+        if not _is_word(value) and not _DIGIT.match(value):
             raise InputError(
                 f"Parameter '{name}' is {_shown(value)}; a word has letters, digits and "
                 "underscores, and starts with a letter, or is a fraction such as 1/4."

@@ -1,0 +1,236 @@
+"""Schlick 1993, 1994: rational factors for roughness, isotropy and colour, in one or two layers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from albedo._compile import kernel
+from albedo.brdf import Choice, Color, Model, Part, Real
+from albedo.charts.cosine import CosineChart
+from albedo.charts.polar import PolarChart
+from albedo.fresnel import schlick
+from albedo.geometry import v_dot_h
+
+
+@kernel
+def spectral(p, second, u):
+    """S(u) of the first layer, or (1 - S(u)) S'(u) of what the second one gets (Schwenk eq. 48)."""
+    if not second:
+        return schlick(p[2], u)
+    # 1 - (1 - u)^5, expanded: nothing cancels.
+    rest = u * (5.0 + u * (-10.0 + u * (10.0 + u * (-5.0 + u))))
+    return (1.0 - p[2]) * rest * schlick(p[8], u)
+
+
+@kernel
+def zenith(r, tan2):
+    """Z(t) = r/(1 + r t^2 - t^2)^2 with t = n.h, in slopes."""
+    q = (1.0 + tan2) / (r + tan2)
+    return r * q * q
+
+
+@kernel
+def azimuth(p, published, hx, hy):
+    """A(w) = sqrt(p/(p^2 - p^2 w^2 + w^2)), w the cosine of h's azimuth; or without the root."""
+    t2 = hx * hx + hy * hy
+    w2 = hx * hx / t2 if t2 > 0.0 else 1.0
+    rest = hy * hy / t2 if t2 > 0.0 else 0.0
+    a = p / (p * p * rest + w2)
+    return math.sqrt(a) if published else a
+
+
+@kernel
+def unmasked(r, v):
+    """G(v)/v = 1/(r - r v + v)."""
+    return 1.0 / (r * (1.0 - v) + v)
+
+
+@kernel
+def lobe(wi, wo, h, p, out, first):
+    """f = S b G Z A/(4 pi v v') of the layer whose numbers start at `first`; G = 1 if plain."""
+    for j in range(out.shape[0]):
+        lz, plain, published = wi[2, j], p[j, 12] > 0.0, p[j, 13] > 0.0
+        r, isotropy, b = p[j, first], p[j, first + 1], p[j, first + 4]
+        g_l = 1.0 / lz if plain else unmasked(r, lz)
+        for i in range(out.shape[1]):
+            vz = wo[2, j, i]
+            if vz <= 0.0:
+                out[j, i] = 0.0
+                continue
+            hx, hy, hz = h[0, j, i], h[1, j, i], h[2, j, i]
+            x, y = hx / hz, hy / hz
+            g = g_l * (1.0 / vz if plain else unmasked(r, vz))
+            za = zenith(r, x * x + y * y) * azimuth(isotropy, published, hx, hy)
+            s = spectral(p[j], first > 0, v_dot_h(hx, hy, hz))
+            out[j, i] = s * b * g * za / (4.0 * math.pi)
+
+
+@kernel
+def broad(wi, wo, h, p, out, first):
+    """f = S (a + b (1 - G) A~)/pi of the layer whose numbers start at `first`."""
+    for j in range(out.shape[0]):
+        lz, published, turned = wi[2, j], p[j, 13] > 0.0, p[j, 14] > 0.0
+        r, isotropy, a, b = p[j, first], p[j, first + 1], p[j, first + 3], p[j, first + 4]
+        g_l = lz * unmasked(r, lz)
+        for i in range(out.shape[1]):
+            hx, hy, hz, vz = h[0, j, i], h[1, j, i], h[2, j, i], wo[2, j, i]
+            # 1 - G(v) G(v') = 1 - G(v') + G(v')(1 - G(v)), 1 - G(v) = r (1 - v)/(r - r v + v).
+            lost = r * (1.0 - lz) * unmasked(r, lz) + g_l * r * (1.0 - vz) * unmasked(r, vz)
+            if turned:
+                lost *= azimuth(isotropy, published, hx, hy)
+            s = spectral(p[j], first > 0, v_dot_h(hx, hy, hz))
+            out[j, i] = s * (a + b * lost) / math.pi
+
+
+@kernel
+def fill_specular(wi, wo, h, p, out):
+    """f = S b G Z A/(4 pi v v')."""
+    lobe(wi, wo, h, p, out, 0)
+
+
+@kernel
+def fill_diffuse(wi, wo, h, p, out):
+    """f = S (a + b (1 - G) A~)/pi."""
+    broad(wi, wo, h, p, out, 0)
+
+
+@kernel
+def fill_specular_2(wi, wo, h, p, out):
+    """f = (1 - S) S' b' G' Z' A'/(4 pi v v')."""
+    lobe(wi, wo, h, p, out, 6)
+
+
+@kernel
+def fill_diffuse_2(wi, wo, h, p, out):
+    """f = (1 - S) S' (a' + b' (1 - G') A~')/pi."""
+    broad(wi, wo, h, p, out, 6)
+
+
+def weights(r: float, form: str) -> tuple[float, float, float, float]:
+    """Weights of Lambert's term, of the lobe, of its residual and of the mirror part."""
+    if form != "final":
+        return 0.0, 1.0, 1.0 if form == "residual" else 0.0, 0.0
+    b = 4.0 * r * (1.0 - r)
+    rest = (1.0 - 2.0 * r) ** 2  # 1 - b without cancellation
+    return (0.0, b, b, rest) if r < 0.5 else (rest, b, b, 0.0)
+
+
+class Schlick(Model):
+    """f = S D, or S D + (1 - S) S' D' in two layers (Schlick 1993, 1994; Schwenk eqs. 47 to 49).
+
+    S(u) = C + (1 - C)(1 - u)^5, u = v.h. The forms of D are
+
+    - ``plain``: Z A/(4 pi v v'), no self-shadowing;
+    - ``shadowed``: G Z A/(4 pi v v'), G = G(v) G(v'), G(v) = v/(r - r v + v);
+    - ``residual``: that and (1 - G) A~/pi for what is shadowed (Schwenk eq. 49);
+    - ``final``: a/pi + b (the residual form) + g (ideal mirror), b = 4 r (1 - r); the rest 1 - b
+      goes to g for r < 1/2 and to a otherwise. The primary text was out of reach: this is a
+      reconstruction.
+
+    Z/pi is GGX with alpha = sqrt(r). A as published integrates to less than 1 over the azimuth;
+    ``azimuth="normalised"`` leaves its root away, and integrates to 1. Schwenk's eq. 49 may have a
+    factor A~ = A on the residual: ``residual_azimuth="turned"``.
+    """
+
+    name = "schlick"
+    title = "Schlick's rational model"
+    equation = "Schwenk eqs. 47 to 49"
+    references = ("schlick1993", "schlick1994", "schwenk2011")
+    tables = ("roughness=0.01..1/32", "roughness=0.01..1/16,isotropy=0.3")
+    domain = "roughness=1e-6..1/37log"
+    conserves_energy = False
+
+    roughness = Real(0.1, "roughness r", low=1e-16, high=1.0)
+    isotropy = Real(1.0, "isotropy p", low=1e-3, high=1.0)
+    color = Color(1.0, "colour C at normal incidence", low=0.0, high=1.0)
+    layers = Choice("1", "number of layers", choices=("1", "2"))
+    roughness2 = Real(0.5, "second layer: roughness", low=1e-16, high=1.0)
+    isotropy2 = Real(1.0, "second layer: isotropy", low=1e-3, high=1.0)
+    color2 = Color(1.0, "second layer: colour", low=0.0, high=1.0)
+    form = Choice(
+        "shadowed", "directional factor", choices=("plain", "shadowed", "residual", "final")
+    )
+    azimuth = Choice(
+        "published", "A with its root, or without", choices=("published", "normalised")
+    )
+    residual_azimuth = Choice(
+        "uniform", "factor A~ of the residual: 1, or A", choices=("uniform", "turned")
+    )
+
+    def used(self, values: Mapping[str, Any]) -> tuple[str, ...]:
+        second = ("roughness2", "isotropy2", "color2") if values["layers"] == "2" else ()
+        residual = ("residual_azimuth",) if values["form"] in ("residual", "final") else ()
+        return (
+            *("roughness", "isotropy", "color", "layers"),
+            *second,
+            *("form", "azimuth"),
+            *residual,
+        )
+
+    @property
+    def _layers(self) -> list[tuple[float, float, Any]]:
+        """Roughness, isotropy and colour of every layer that light reaches."""
+        layers = [(self.roughness, self.isotropy, self.color)]
+        if self.layers == "2" and self.color != 1.0:
+            layers.append((self.roughness2, self.isotropy2, self.color2))
+        return layers
+
+    @property
+    def _turned(self) -> bool:
+        """Whether the residual has the factor A."""
+        return self.parameters.get("residual_azimuth") == "turned"
+
+    @property
+    def isotropic(self) -> bool:
+        return all(isotropy == 1.0 for _, isotropy, _ in self._layers)
+
+    @property
+    def grazing_limit(self) -> bool:  # type: ignore[override]
+        """Without shadowing the albedo grows as 1/n.l."""
+        return self.form != "plain"
+
+    def pack(self) -> tuple[float, ...]:
+        numbers: list[float] = []
+        for r, isotropy, color in self._layers:
+            a, b, _, g = weights(r, self.form)
+            numbers += [r, isotropy, color, a, b, g]
+        choices = (self.form == "plain", self.azimuth == "published", self._turned)
+        return (*numbers, *(0.0,) * (12 - len(numbers)), *map(float, choices))
+
+    def parts(self) -> tuple[Part, ...]:
+        parts = []
+        fills = ((fill_specular, fill_diffuse), (fill_specular_2, fill_diffuse_2))
+        for k, (r, isotropy, color) in enumerate(self._layers):
+            a, b, residual, _ = weights(r, self.form)
+            suffix = "" if k == 0 else "_2"
+            # In the elliptic azimuth of this stretch A without its root is constant.
+            stretch = isotropy if self.azimuth == "normalised" else math.sqrt(isotropy)
+            if b > 0.0:
+                plain = self.form == "plain"
+                chart = PolarChart("slope") if plain else PolarChart("slope", edge=2, origin=2)
+                widths = (math.sqrt(r) * stretch, math.sqrt(r))
+                parts.append(Part("specular" + suffix, fills[k][0], chart, widths))
+            if a > 0.0 or residual > 0.0:
+                broad_chart: Any = PolarChart("mirror_hemisphere", edge=2)
+                widths = (1.0, 1.0)
+                if self._turned and isotropy < 1.0:
+                    broad_chart, widths = PolarChart("slope", edge=2), (stretch, 1.0)
+                elif k == 0 and color == 1.0 and r >= 0.01:
+                    broad_chart = CosineChart()  # neither Fresnel's factor nor a thin layer
+                parts.append(Part("diffuse" + suffix, fills[k][1], broad_chart, widths))
+        return tuple(parts)
+
+    def spikes(self, wi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        layers = self._layers
+        shares = [weights(r, self.form)[3] for r, _, _ in layers]
+        if not any(shares):
+            return super().spikes(wi)
+        p = np.array(self.pack())
+        total = np.zeros(len(wi))
+        for k, g in enumerate(shares):
+            total += g * np.array([spectral(p, k > 0, c) for c in wi[:, 2]])
+        return (wi * np.array([-1.0, -1.0, 1.0]))[None], np.where(wi[:, 2] > 0.0, total, 0.0)[None]
