@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from albedo.directions import half_vector, unit_vectors
 from albedo.errors import InputError
+from albedo.grammar import format_value
 
 Kernel = Callable[..., Any]
 
@@ -142,6 +143,43 @@ class Choice(Parameter):
                 + ", ".join(self.choices)
             )
         return str(value)
+
+
+@dataclass(frozen=True)
+class Vectors(Parameter):
+    """One or more vectors, each with the same named entries."""
+
+    entries: tuple[tuple[str, Real], ...] = ()
+
+    @property
+    def range_text(self) -> str:
+        """The entries of a vector, and what each of them may be."""
+        names = ", ".join(name for name, _ in self.entries)
+        bounded = [(name, entry) for name, entry in self.entries if math.isfinite(entry.low)]
+        ranges = "".join(f", {name} in {entry.range_text}" for name, entry in bounded)
+        return f"one or more ({names}){ranges}"
+
+    def check(self, model: str, value: Any) -> tuple[tuple[float, ...], ...]:
+        """A tuple of tuples of finite floats in range."""
+        shape = f"it must hold {self.range_text}"
+        if not _is_sequence(value) or not len(value):
+            raise InputError(f"{model}: {self.name} = {value!r} has no vectors; {shape}")
+        checked = []
+        for k, vector in enumerate(value):
+            if not _is_sequence(vector) or len(vector) != len(self.entries):
+                raise InputError(f"{model}: {self.name}[{k}] = {vector!r} does not fit; {shape}")
+            numbers: list[Any] = []
+            for (name, entry), number in zip(self.entries, vector, strict=True):
+                # A complaint names the entry that is wrong.
+                placed = copy.copy(entry)
+                object.__setattr__(placed, "name", f"{self.name}[{k}].{name}")
+                numbers.append(placed.check(model, number))
+            checked.append(tuple(numbers))
+        return tuple(checked)
+
+
+def _is_sequence(value: Any) -> bool:
+    return isinstance(value, tuple | list) or np.ndim(value) > 0
 
 
 @dataclass(frozen=True)
@@ -362,7 +400,8 @@ class Model:
     def spec(self) -> str:
         """The model in the one grammar of the workbench, such as ``ward:alpha_x=0.1,...``."""
         words = [
-            f"{k}={v!r}" if isinstance(v, float) else f"{k}={v}" for k, v in self.parameters.items()
+            f"{k}={v!r}" if isinstance(v, float) else f"{k}={format_value(v, k)}"
+            for k, v in self.parameters.items()
         ]
         return self.name + (":" + ",".join(words) if words else "")
 

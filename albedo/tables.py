@@ -17,6 +17,7 @@ import albedo
 from albedo.brdf import Model
 from albedo.errors import InputError
 from albedo.estimate import Estimate
+from albedo.grammar import format_value
 from albedo.quadrature import albedo_rows, check_directions, check_tolerances, warn_unconverged
 
 if TYPE_CHECKING:
@@ -179,7 +180,7 @@ class Plan:
         }
         info = {q.name: q for q in model.parameter_info()}
         coordinates: dict[str, Any] = {
-            name: (name, values, {"long_name": info[name].doc, "units": info[name].unit})
+            name: (name, _labels(values), {"long_name": info[name].doc, "units": info[name].unit})
             for name, values in axes.items()
         }
         if self.channels is not None:
@@ -205,6 +206,13 @@ class Plan:
         if model.resolved_width is not None:
             attributes["resolved_width"] = model.resolved_width
         return xarray.Dataset(variables, coordinates, attributes)
+
+
+def _labels(values: Sequence[Any]) -> Sequence[Any]:
+    """Values along an axis; vectors and colours as they are written in the grammar of models."""
+    if any(isinstance(value, tuple) for value in values):
+        return [format_value(value) for value in values]
+    return values
 
 
 def plan_table(
