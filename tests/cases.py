@@ -10,6 +10,7 @@ import exact
 
 import albedo
 from albedo.brdf import Alias, Choice, Model, Real, Vectors
+from albedo.catalogue._fresnel import FresnelChoice
 from albedo.errors import InputError
 
 
@@ -66,7 +67,14 @@ def extreme(kind: type[Model]) -> list[Model]:
         if isinstance(parameter, Choice)
         for choice in parameter.choices
     ]
-    sets = [{**choice, **end} for end in ends for choice in choices]
+    # A Fresnel factor has its own parameters, and goes with all others in the same way.
+    factor = FresnelChoice._declared if issubclass(kind, FresnelChoice) else {}
+    sets = [
+        {**choice, **end}
+        for end in ends
+        for choice in choices
+        if not choice or (next(iter(choice)) in factor) == (next(iter(end)) in factor)
+    ]
     built = moderate(kind)
     return built + [model for model in _built(kind, sets) if model not in built]
 
