@@ -140,7 +140,6 @@ class Schlick(Model):
     title = "Schlick's rational model"
     equation = "Schwenk eqs. 47 to 49"
     references = ("schlick1993", "schlick1994", "schwenk2011")
-    conserves_energy = False
 
     roughness = Real(0.1, "roughness r", low=1e-16, high=1.0)
     isotropy = Real(1.0, "isotropy p", low=1e-3, high=1.0)
@@ -185,6 +184,13 @@ class Schlick(Model):
     @property
     def isotropic(self) -> bool:
         return all(isotropy == 1.0 for _, isotropy, _ in self._layers)
+
+    @property
+    def conserves_energy(self) -> bool:  # type: ignore[override]
+        """G = v/(r - r v + v) masks enough for an isotropic layer from r = 0.1695 on (measured)."""
+        masked = self.form == "shadowed" and self.roughness >= 0.17
+        lambert = self.form == "final" and self.roughness == 1.0
+        return self.layers == "1" and self.isotropic and (masked or lambert)
 
     @property
     def grazing_limit(self) -> bool:  # type: ignore[override]
