@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from albedo.directions import half_vector, unit_vectors
 from albedo.errors import InputError
+from albedo.grammar import format_value
 
 Kernel = Callable[..., Any]
 
@@ -51,7 +52,10 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Real(Parameter):
-    """A real parameter in a closed interval, open below when `open_low`."""
+    """A real parameter in a closed interval, open below when `open_low`.
+
+    With the default None it may be left out: then the model works without it.
+    """
 
     low: float = 0.0
     high: float = math.inf
@@ -64,8 +68,10 @@ class Real(Parameter):
         right = ")" if self.high == math.inf else "]"
         return f"{left}{self.low:g}, {self.high:g}{right}"
 
-    def check(self, model: str, value: Any) -> float:
-        """A finite float in range."""
+    def check(self, model: str, value: Any) -> float | None:
+        """A finite float in range; None where that is the default."""
+        if value is None and self.default is None:
+            return None
         if isinstance(value, str | bool) or np.ndim(value) != 0:
             raise InputError(f"{model}: {self.name} = {value!r} is not a number; {self._allowed}")
         if np.iscomplexobj(value):
@@ -140,6 +146,43 @@ class Choice(Parameter):
 
 
 @dataclass(frozen=True)
+class Vectors(Parameter):
+    """One or more vectors, each with the same named entries."""
+
+    entries: tuple[tuple[str, Real], ...] = ()
+
+    @property
+    def range_text(self) -> str:
+        """The entries of a vector, and what each of them may be."""
+        names = ", ".join(name for name, _ in self.entries)
+        bounded = [(name, entry) for name, entry in self.entries if math.isfinite(entry.low)]
+        ranges = "".join(f", {name} in {entry.range_text}" for name, entry in bounded)
+        return f"one or more ({names}){ranges}"
+
+    def check(self, model: str, value: Any) -> tuple[tuple[float, ...], ...]:
+        """A tuple of tuples of finite floats in range."""
+        shape = f"it must hold {self.range_text}"
+        if not _is_sequence(value) or not len(value):
+            raise InputError(f"{model}: {self.name} = {value!r} has no vectors; {shape}")
+        checked = []
+        for k, vector in enumerate(value):
+            if not _is_sequence(vector) or len(vector) != len(self.entries):
+                raise InputError(f"{model}: {self.name}[{k}] = {vector!r} does not fit; {shape}")
+            numbers: list[Any] = []
+            for (name, entry), number in zip(self.entries, vector, strict=True):
+                # A complaint names the entry that is wrong.
+                placed = copy.copy(entry)
+                object.__setattr__(placed, "name", f"{self.name}[{k}].{name}")
+                numbers.append(placed.check(model, number))
+            checked.append(tuple(numbers))
+        return tuple(checked)
+
+
+def _is_sequence(value: Any) -> bool:
+    return isinstance(value, tuple | list) or np.ndim(value) > 0
+
+
+@dataclass(frozen=True)
 class Alias(Parameter):
     """A second name that sets one or more parameters to the same value."""
 
@@ -181,6 +224,10 @@ class Part:
         ``loss_chart`` loses: 1 - albedo without cancellation.
     loss_chart : object, optional
         Chart of the domain of the unit integral.
+    columns : tuple of int
+        First and last + 1 of the packed parameters that the kernels see; all of them by default.
+    scale : float
+        A factor of the values.
     """
 
     name: str
@@ -189,6 +236,12 @@ class Part:
     widths: tuple[float, float] = (1.0, 1.0)
     loss: Kernel | None = None
     loss_chart: Any = None
+    columns: tuple[int, int | None] = (0, None)
+    scale: float = 1.0
+
+    def packed(self, rows: np.ndarray) -> np.ndarray:
+        """What the kernels of this part see of packed parameters (rows, k)."""
+        return np.ascontiguousarray(rows[:, slice(*self.columns)])
 
 
 class Model:
@@ -213,13 +266,20 @@ class Model:
     selected_channel: int | None = None
     """Which channel of its colours this model stands for; see `channel`."""
 
+    tables: ClassVar[tuple[str, ...]] = ()
+    """Default tables: what each sweeps, in the grammar of models, such as ``m=0.02..1/32``."""
+
+    domain: ClassVar[str] = ""
+    """What an energy map sweeps: the ranges of the main parameters, in the same grammar."""
+
     _declared: ClassVar[dict[str, Parameter]] = {}
     parameters: Mapping[str, Any]
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
         own = {k: v for k, v in vars(cls).items() if isinstance(v, Parameter)}
-        cls._declared = {**cls._declared, **own}
+        # What a model declares itself comes before what it inherits.
+        cls._declared = {**own, **{k: v for k, v in cls._declared.items() if k not in own}}
 
     def __init__(self, /, **values: Any) -> None:
         values_in = dict(values)
@@ -249,7 +309,8 @@ class Model:
                 raise InputError(
                     f"{self.name} does not use {key} with these choices; it uses {', '.join(used)}"
                 )
-        frozen = MappingProxyType({k: stored[k] for k in stored if k in used})
+        kept = {k: v for k, v in stored.items() if k in used and v is not None}
+        frozen = MappingProxyType(kept)
         object.__setattr__(self, "parameters", frozen)
         lengths = {k: len(v) for k, v in self._colors().items()}
         if len(set(lengths.values())) > 1:
@@ -280,6 +341,22 @@ class Model:
     def used(self, values: Mapping[str, Any]) -> tuple[str, ...]:
         """Names of the parameters that matter for this choice of values; all, by default."""
         return tuple(values)
+
+    def __add__(self, other: Any) -> Model:
+        """Both models on one surface: their values, and their albedos, add up."""
+        from albedo.compose import total
+
+        return total(self, other) if isinstance(other, Model) else NotImplemented
+
+    def __mul__(self, factor: Any) -> Model:
+        """The model with all its values multiplied by a number that is not negative."""
+        from albedo.compose import scaled
+
+        return NotImplemented if isinstance(factor, Model) else scaled(self, factor)
+
+    __rmul__ = __mul__
+    # A numpy number times a model is a model.
+    __array_ufunc__ = None
 
     def replace(self, **values: Any) -> Model:
         """A copy with some parameters changed (aliases allowed)."""
@@ -323,7 +400,8 @@ class Model:
     def spec(self) -> str:
         """The model in the one grammar of the workbench, such as ``ward:alpha_x=0.1,...``."""
         words = [
-            f"{k}={v!r}" if isinstance(v, float) else f"{k}={v}" for k, v in self.parameters.items()
+            f"{k}={v!r}" if isinstance(v, float) else f"{k}={format_value(v, k)}"
+            for k, v in self.parameters.items()
         ]
         return self.name + (":" + ",".join(words) if words else "")
 
@@ -392,6 +470,6 @@ class Model:
             p = np.tile(np.array(self.pack(), dtype=np.float64), (count, 1))
             for part in self.parts():
                 out = np.empty((count, 1))
-                part.fill(wi_k, wo_k, h_k, p, out)
-                total[above] += out[:, 0]
+                part.fill(wi_k, wo_k, h_k, part.packed(p), out)
+                total[above] += part.scale * out[:, 0]
         return total.reshape(shape)

@@ -101,6 +101,15 @@ ModelArgument = Annotated[
         autocompletion=_complete_model,
     ),
 ]
+OptionalModelArgument = Annotated[
+    str | None,
+    typer.Argument(
+        metavar="MODEL",
+        help="A model with its parameters, such as ward:m=0.1; sweeps such as ward:m=0.02..1/32 "
+        "or ward:m=[.1,.2,.5] are allowed.",
+        autocompletion=_complete_model,
+    ),
+]
 CosOption = Annotated[
     str | None,
     typer.Option(
@@ -166,15 +175,24 @@ def models(
             metavar="NAME", help="Show one model in full.", autocompletion=_complete_model
         ),
     ] = None,
+    as_markdown: Annotated[
+        bool, typer.Option("--markdown", help="Print the list as a Markdown table.")
+    ] = False,
 ) -> None:
-    """List the models, or show one: parameters, ranges, units, promises, equation, references.
+    """List the models, or show one: its formula, sources, promises and parameters.
 
     \b
     Examples:
       albedo models
       albedo models cook_torrance
     """
-    if name is None:
+    if as_markdown and name is not None:
+        raise InputError("--markdown prints the list of all models and does not go with a name.")
+    if as_markdown:
+        from albedo.describe import markdown
+
+        typer.echo(markdown(), nl=False)
+    elif name is None:
         _list_models()
     else:
         _show_model(name)
@@ -191,14 +209,20 @@ def _list_models() -> None:
 
 
 def _show_model(name: str) -> None:
+    import inspect
+
     from albedo.catalogue import model_class
+    from albedo.describe import citation, promises
 
     kind = model_class(name)
-    typer.echo(f"{kind.name}: {kind.title}")
-    typer.echo(f"equation:          {kind.equation}")
-    typer.echo(f"references:        {', '.join(kind.references)}")
-    typer.echo(f"reciprocal:        {_yes(kind.reciprocal)}")
-    typer.echo(f"conserves energy:  {_yes(kind.conserves_energy)}")
+    typer.echo(f"{kind.name}: {kind.title}\n")
+    typer.echo(inspect.getdoc(kind))
+    typer.echo(f"\nequation:  {kind.equation}")
+    for key in kind.references:
+        typer.echo(f"source:    {citation(key)}")
+    typer.echo()
+    for promise, said in promises(kind).items():
+        typer.echo(f"{promise + ':':28s} {said}")
     table = _new_table("parameter", "default", "allowed", "unit", "meaning")
     for item in kind.parameter_info():
         table.add_row(item.name, _default(item.default), item.range_text, item.unit, item.doc)
@@ -378,10 +402,14 @@ def _short(value: Any) -> str:
 
 @app.command()
 def table(
-    model: ModelArgument,
     output: Annotated[
-        Path, typer.Option("-o", "--output", help="File that ends in .nc (netCDF) or .csv.")
+        Path,
+        typer.Option(
+            "-o", "--output", help="File that ends in .nc (netCDF) or .csv; with --all, a folder."
+        ),
     ],
+    model: OptionalModelArgument = None,
+    every: Annotated[bool, typer.Option("--all", help="The default tables of all models.")] = False,
     cos: CosOption = None,
     theta: ThetaOption = None,
     phi: PhiOption = "0",
@@ -395,12 +423,26 @@ def table(
     Without --cos and --theta: 0.01..1/32 in the cosine. netCDF keeps units, citations, tolerance
     and version beside the numbers; CSV has one row per value. Files have azimuths in radians.
 
+    --all writes the default tables of all models as netCDF files into a folder. A run that was
+    interrupted goes on where it stopped.
+
     \b
     Examples:
       albedo table "ward:m=0.02..1/32" -o ward.nc
       albedo table "phong:n=1..1e6/61log" --cos 1e-4..1/41log -o phong.csv --threads 4
       albedo table ward:alpha_x=0.1,alpha_y=0.3 --theta 0..85/18 --phi 0..90/7 -o aniso.nc
+      albedo table --all -o tables --rtol 1e-6 --threads 2
     """
+    if every:
+        given = {"a model": model, "--cos": cos, "--theta": theta, "--complement": complement}
+        odd = [what for what, value in given.items() if value]
+        odd += ["--phi"] * (phi != "0") + ["--fixed"] * (fixed != "light")
+        if odd:
+            raise InputError(f"--all writes the default tables and does not go with {odd[0]}.")
+        _write_atlas(output, rtol, threads)
+        return
+    if model is None:
+        raise InputError("Name a model such as ward:m=0.02..1/32, or write all with --all.")
     import numpy as np
 
     import albedo
@@ -432,6 +474,14 @@ def table(
     save_table(dataset, output)
     what = "complements" if complement else "albedos"
     typer.echo(f"{output}: {dataset['value'].size} {what} of {spec}")
+
+
+def _write_atlas(output: Path, rtol: float, threads: int) -> None:
+    from albedo.atlas import sheets, write_atlas
+
+    with _warnings_as_lines(), _compiling(), _progress("computing tables", None) as advance:
+        files = write_atlas(output, list(sheets(rtol)), threads=threads, progress=advance)
+    typer.echo(f"{output}: {len(files)} tables")
 
 
 @app.command()
@@ -486,6 +536,53 @@ def plot(
     figure = plotting.draw(curves, grazing=grazing, phi=azimuth or None)
     plotting.save_figure(figure, output)
     typer.echo(f"{output}: {len(curves)} curve{'' if len(curves) == 1 else 's'}")
+
+
+@app.command()
+def energy(
+    model: ModelArgument,
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o", "--output", help="Picture (.png, .svg, .pdf); the numbers go beside it as .csv."
+        ),
+    ] = Path("energy.png"),
+    rtol: RtolOption = 1e-6,
+) -> None:
+    """Map the largest and smallest albedo of a model, and mark where it exceeds 1.
+
+    Without a sweep, the domain of the model's main parameters is swept.
+
+    \b
+    Examples:
+      albedo energy ward
+      albedo energy cook_torrance:geometry=none -o cook_torrance.svg
+      albedo energy "max_phong:n=0..4/41" -o max_phong.png
+    """
+    from albedo.analysis.energy import domain, draw, drawn_over, energy_map
+    from albedo.estimate import format_value
+    from albedo.files import check_output, save_csv
+    from albedo.plotting import SUFFIXES, save_figure
+
+    check_output(output, SUFFIXES)
+    spec = domain(model)
+    drawn_over(spec)
+    with _warnings_as_lines(), _compiling(), _progress("mapping", spec.count) as advance:
+        found = energy_map(spec, rtol, progress=advance)
+    numbers = save_csv(found.frame, output.with_suffix(".csv"))
+    typer.echo(f"{numbers}: {len(found.frame)} sets of parameters of {spec}")
+    for what, row in (
+        ("largest", found.frame.loc[found.frame["max_albedo"].idxmax()]),
+        ("smallest", found.frame.loc[found.frame["min_albedo"].idxmin()]),
+    ):
+        name = {"largest": "max", "smallest": "min"}[what]
+        value = format_value(row[f"{name}_albedo"], row[f"{name}_albedo_error"])
+        at = ", ".join(f"{key} = {_short(row[key])}" for key in spec.sweep)
+        typer.echo(f"{what} albedo: {value} at {at}, cos θ = {row[f'{name}_cos_theta']:.6g}")
+    count = int((found.frame["exceeds_one"] == "yes").sum())
+    typer.echo(f"exceeds 1: {count} of {len(found.frame)}")
+    save_figure(draw(found), output)
+    typer.echo(f"{output}: the map")
 
 
 @study_app.command("list")

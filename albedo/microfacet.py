@@ -11,7 +11,14 @@ import math
 from albedo._compile import kernel
 
 DISTRIBUTIONS = {"beckmann": 0, "ggx": 1, "blinn_phong": 2, "gaussian": 3, "ashikhmin_shirley": 4}
-GEOMETRIES = {"none": 0, "v_cavity": 1, "smith": 2, "smith_correlated": 3}
+GEOMETRIES = {
+    "none": 0,
+    "v_cavity": 1,
+    "smith": 2,
+    "smith_correlated": 3,
+    "schlick_smith": 4,
+    "smith_rational": 5,
+}
 
 
 @kernel
@@ -75,6 +82,35 @@ def smith_lambda(code, ax2, ay2, vx, vy, vz):
     if t2 == 0.0:
         return 0.0
     return beckmann_lambda(1.0 / math.sqrt(t2))
+
+
+@kernel
+def rational_lambda(a):
+    """The rational fit to `beckmann_lambda` (Walter et al. 2007, eq. 27, as 1/G1 - 1).
+
+    The fit ends at a = 1.6, but from a = 1.548 on its G1 is above 1, by up to 6e-5, and is taken
+    as 1 here: so nothing jumps.
+    """
+    if a >= 1.6:
+        return 0.0
+    return max(0.0, 1.0 + a * (-1.259 + 0.396 * a)) / (a * (3.535 + 2.181 * a))
+
+
+@kernel
+def masking_lambda(geometry, code, ax2, ay2, vx, vy, vz):
+    """1/G1(v) - 1 of the maskings that are products or sums of directions' own.
+
+    Schlick-Smith: G1 = v/(v (1 - k) + k) of v = n.v and k = m sqrt(2/pi) (Schlick 1994),
+    so that 1/G1 - 1 = k (1 - v)/v, with m the width in the azimuth of v.
+    """
+    if geometry <= 3:
+        return smith_lambda(code, ax2, ay2, vx, vy, vz)
+    if geometry == 4:
+        s = math.hypot(vx, vy)
+        width = math.sqrt(ax2 * vx * vx + ay2 * vy * vy)
+        return math.sqrt(2.0 / math.pi) * width * s / ((1.0 + vz) * vz)
+    t2 = (ax2 * vx * vx + ay2 * vy * vy) / (vz * vz)
+    return rational_lambda(1.0 / math.sqrt(t2)) if t2 > 0.0 else 0.0
 
 
 @kernel

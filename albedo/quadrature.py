@@ -223,7 +223,10 @@ def _rows(
     prepared = [(m.parts(), m.pack(), m.isotropic) for m in distinct]
     batches: dict[Any, list[int]] = {}
     for k, (parts, _, isotropic) in enumerate(prepared):
-        structure = (tuple((q.name, q.fill, q.chart) for q in parts), isotropic)
+        structure = (
+            tuple((q.name, q.fill, q.chart, q.columns) for q in parts),
+            isotropic,
+        )
         batches.setdefault(structure, []).append(k)
     value, error, evaluations = np.zeros(n), np.zeros(n), np.zeros(n, dtype=int)
     converged = np.ones(n, dtype=bool)
@@ -242,9 +245,11 @@ def _rows(
         share = dict(options, limit=max(16, options["limit"] // max(len(parts), 1)))
         for k, part in enumerate(parts):
             widths = np.array([prepared[j][0][k].widths for j in members])[place]
+            scale = np.array([prepared[j][0][k].scale for j in members])[place]
             share["atol"] = np.maximum(options["atol"], known[rows] / len(parts))
             result = _part(
-                part, p, cos_theta[rows], phi[rows], widths, isotropic, swap, loss, share
+                *(part, part.packed(p), scale, cos_theta[rows], phi[rows], widths, isotropic),
+                *(swap, loss, share),
             )
             value[rows] += result.value
             error[rows] += result.error
@@ -301,6 +306,7 @@ def _spikes(
 def _part(
     part: Part,
     p: np.ndarray,
+    scale: np.ndarray,
     cos_theta: np.ndarray,
     phi: np.ndarray,
     widths: np.ndarray,
@@ -312,8 +318,13 @@ def _part(
     """Integrate one part over all rows of a batch."""
     fill = part.loss if loss else part.fill
     assert fill is not None
+    plain = bool(np.all(scale == 1.0))
 
     def integrand(row: np.ndarray, wi: np.ndarray, wo: np.ndarray, h: np.ndarray) -> np.ndarray:
+        out = values(row, wi, wo, h)
+        return out if plain else out * scale[row][:, None]
+
+    def values(row: np.ndarray, wi: np.ndarray, wo: np.ndarray, h: np.ndarray) -> np.ndarray:
         out: np.ndarray = np.empty(wo.shape[1:])
         if not swap:
             fill(wi, wo, h, p[row], out)

@@ -9,7 +9,7 @@ from typing import Any
 import exact
 
 import albedo
-from albedo.brdf import Alias, Choice, Model, Real
+from albedo.brdf import Alias, Choice, Model, Real, Vectors
 from albedo.errors import InputError
 
 
@@ -35,6 +35,17 @@ def moderate(kind: type[Model]) -> list[Model]:
     return _built(kind, sets + getattr(exact.oracle(kind.name), "CASES", []))
 
 
+def _vectors_at_ends(parameter: Vectors) -> list[tuple[tuple[float, ...], ...]]:
+    """The default, with one number of its first vector at an end of its range."""
+    first, *others = parameter.default
+    return [
+        ((*first[:k], end, *first[k + 1 :]), *others)
+        for k, (_, entry) in enumerate(parameter.entries)
+        for end in (entry.low, entry.high)
+        if math.isfinite(end)
+    ]
+
+
 def extreme(kind: type[Model]) -> list[Model]:
     """As `moderate`, and with every number at both ends of the range that it declares."""
     ends: list[dict[str, Any]] = []
@@ -46,6 +57,8 @@ def extreme(kind: type[Model]) -> list[Model]:
             ends.append({parameter.name: low})
             if math.isfinite(first.high):
                 ends.append({parameter.name: first.high})
+        if isinstance(first, Vectors):
+            ends += [{parameter.name: value} for value in _vectors_at_ends(first)]
     # The ends count with every choice that uses the parameter.
     choices = [{}] + [
         {parameter.name: choice}

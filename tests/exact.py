@@ -12,10 +12,14 @@ import math
 from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib import import_module
+from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import mpmath
 import numpy as np
+
+import albedo
 
 Number = Any  # an mpf of the context below
 
@@ -122,14 +126,65 @@ def fresnel(index: complex, u: Number) -> Number:
     return (abs(across) ** 2 + abs(along) ** 2) / 2
 
 
+@cache
+def metal(name: str, source: str, wavelength: float) -> complex:
+    """n - ik of a metal, on straight lines between the wavelengths of the table."""
+    path = Path(albedo.__file__).with_name("metals.csv")
+    rows = [line.split(",") for line in path.read_text("utf-8").split()[1:]]
+    data = [[float(x) for x in r[2:]] for r in rows if r[:2] == [source, name]]
+    for (a, n_a, k_a), (b, n_b, k_b) in pairwise(data):
+        if a <= wavelength <= b:
+            t = (wavelength - a) / (b - a)
+            return complex(n_a + t * (n_b - n_a), -(k_a + t * (k_b - k_a)))
+    raise ValueError(f"no data for {wavelength} um")
+
+
+def f0(n: Number, k: Number) -> Number:
+    """Reflectance at normal incidence."""
+    return ((n - 1) ** 2 + k * k) / ((n + 1) ** 2 + k * k)
+
+
+@cache
+def lazanyi_fit(n: float, k: float) -> tuple[Number, Number]:
+    """a and alpha of least squares over 201 points, by Newton's method from the best of a scan."""
+    start = f0(mp.mpf(n), mp.mpf(k))
+    points = [mp.mpf(i) / 200 for i in range(1, 200)]
+    off = [start + (1 - start) * (1 - u) ** 5 - fresnel(complex(n, -k), u) for u in points]
+    u, o = np.array(points, dtype=float), np.array(off, dtype=float)
+
+    def squares(alpha: float) -> float:
+        term = u * (1 - u) ** alpha
+        return float(o @ o - (term @ o) ** 2 / (term @ term))
+
+    def equations(a: Number, alpha: Number) -> tuple[Number, Number]:
+        terms = [v * (1 - v) ** alpha for v in points]
+        rest = [t * (e - a * t) for t, e in zip(terms, off, strict=True)]
+        return mp.fsum(rest), mp.fsum(r * mp.log(1 - v) for r, v in zip(rest, points, strict=True))
+
+    alpha = min(np.arange(1.0, 100.0, 0.05), key=squares)
+    term = u * (1 - u) ** alpha
+    a, alpha = mp.findroot(equations, (float(term @ o / (term @ term)), float(alpha)))
+    return a, alpha
+
+
 def fresnel_of(p: Mapping[str, Any], u: Number) -> Number:
-    if p["fresnel"] == "schlick":
-        return mp.mpf(p["f0"]) + (1 - mp.mpf(p["f0"])) * (1 - u) ** 5
-    if p["fresnel"] == "dielectric":
+    """The factor that the parameters of a model choose."""
+    kind = p["fresnel"]
+    if kind == "white":
+        return mp.one
+    if kind == "dielectric":
         return fresnel(complex(p["ior"], 0.0), u)
-    if p["fresnel"] == "conductor":
+    if kind == "conductor":
         return fresnel(complex(p["ior"], -p["k"]), u)
-    return mp.one
+    if kind not in ("schlick", "lazanyi"):
+        return fresnel(metal(kind, p["source"], p["wavelength"]), u)
+    normal = mp.mpf(p["f0"]) if "f0" in p else f0(mp.mpf(p["ior"]), mp.mpf(p["k"]))
+    factor = normal + (1 - normal) * (1 - u) ** 5
+    if kind == "schlick":
+        return factor
+    fitted = "a" not in p
+    a, alpha = lazanyi_fit(p["ior"], p["k"]) if fitted else (p["a"], p["alpha"])
+    return factor - a * u * (1 - u) ** mp.mpf(alpha)
 
 
 def beckmann_lambda(a: Number) -> Number:
@@ -151,7 +206,9 @@ def gaussian_scale(m: float) -> Number:
     return 1 / (2 * mp.pi * whole)
 
 
-def distribution(name: str, width: tuple[float, float], h: Sequence[Number]) -> Number:
+def distribution(
+    name: str, width: tuple[float, float], h: Sequence[Number], printed: bool = False
+) -> Number:
     """D of a unit half vector; `width` holds the roughnesses or the exponents along x and y."""
     a, b = mp.mpf(width[0]), mp.mpf(width[1])
     x, y, z = h
@@ -162,21 +219,40 @@ def distribution(name: str, width: tuple[float, float], h: Sequence[Number]) -> 
     if name == "blinn_phong":
         return (a + 2) / (2 * mp.pi) * z**a
     if name == "gaussian":
-        return gaussian_scale(float(a)) * mp.exp(-((mp.acos(min(z, mp.one)) / a) ** 2))
+        scale = 1 / (mp.pi * a * a) if printed else gaussian_scale(float(a))
+        return scale * mp.exp(-((mp.acos(min(z, mp.one)) / a) ** 2))
     t2 = x * x + y * y
     n = (a * x * x + b * y * y) / t2 if t2 > 0 else a
-    return mp.sqrt((a + 2) * (b + 2)) / (2 * mp.pi) * z**n
+    more = 1 if printed else 2
+    return mp.sqrt((a + more) * (b + more)) / (2 * mp.pi) * z**n
 
 
-def smith_lambda(name: str, width: tuple[float, float], v: Sequence[Number]) -> Number:
-    """Lambda of a direction; distributions without one of their own borrow Beckmann's."""
+def smith_lambda(
+    name: str, width: tuple[float, float], v: Sequence[Number], geometry: str = "smith"
+) -> Number:
+    """Lambda of a direction; distributions without one of their own borrow Beckmann's.
+
+    For approximate maskings 1/G1 - 1, from G1 as it is published.
+    """
     a, b = mp.mpf(width[0]), mp.mpf(width[1])
     if name in ("blinn_phong", "ashikhmin_shirley"):
         a, b = mp.sqrt(2 / (a + 2)), mp.sqrt(2 / (b + 2))
     t2 = ((a * v[0]) ** 2 + (b * v[1]) ** 2) / v[2] ** 2
     if t2 == 0:
         return mp.zero
-    return (mp.sqrt(1 + t2) - 1) / 2 if name == "ggx" else beckmann_lambda(1 / mp.sqrt(t2))
+    if geometry == "schlick_smith":
+        k = mp.sqrt(2 / mp.pi) * mp.sqrt(t2) * v[2] / mp.sqrt(v[0] ** 2 + v[1] ** 2)
+        return (v[2] * (1 - k) + k) / v[2] - 1
+    x = 1 / mp.sqrt(t2)
+    if geometry == "smith_rational":
+        # Walter et al. 2007, eq. 27, but for what exceeds 1.
+        above, below = (
+            sum(mp.mpf(c) * x**i for i, c in enumerate(terms))
+            for terms in (("0", "3.535", "2.181"), ("1", "2.276", "2.577"))
+        )
+        g1 = above / below
+        return max(1 / g1 - 1, mp.zero) if x < mp.mpf("1.6") else mp.zero
+    return (mp.sqrt(1 + t2) - 1) / 2 if name == "ggx" else beckmann_lambda(x)
 
 
 # What the oracles share

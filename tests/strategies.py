@@ -43,7 +43,7 @@ def widths(
 def whole_charts(draw: st.DrawFn) -> CosineChart | PolarChart:
     """Charts whose domain is the hemisphere above the horizon."""
     if draw(st.integers(0, 9)) == 0:
-        return CosineChart(draw(st.sampled_from(["none", "max"])))
+        return CosineChart(draw(st.sampled_from(["none", "max"])), angle=draw(st.booleans()))
     kind = draw(st.sampled_from(["slope", "mirror_hemisphere", "retro_hemisphere"]))
     # The masking curves of V-cavities are curves of the half vector.
     kinks = ["none", "max", "v_cavity"] if kind == "slope" else ["none", "max"]

@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from albedo.charts.cosine import CosineChart
 from albedo.integrators import adaptive
 from albedo.integrators.adaptive import Result, integrate
 
@@ -133,3 +134,22 @@ def test_a_bound_that_was_passed_raises_the_doubt() -> None:
     assert doubt[0] == pytest.approx(10.0, rel=1e-3)
     # A geometric fall makes 4e-16 of 2e-8 when the order doubles: eight times of that is the least.
     assert children.error[0].sum() == pytest.approx(8 * 2e-8 * 2e-8, rel=1e-9)
+
+
+def test_a_faint_row_converges_beside_a_bright_one() -> None:
+    """Errors of one row are nothing beside those of another, and must be refined all the same."""
+    scale = np.array([1.0, 1e-30, 1e20, 1e-200])
+
+    def integrand(row: np.ndarray, wi: np.ndarray, wo: np.ndarray, h: np.ndarray) -> np.ndarray:
+        return scale[row, None] * np.exp(-30.0 * wo[0] ** 2)
+
+    found = integrate(
+        CosineChart(),
+        integrand,
+        *(np.full(4, 0.5), np.zeros(4), np.ones((4, 2)), True),
+        rtol=1e-10,
+        atol=0.0,
+        limit=100_000,
+    )
+    assert np.all(found.converged)
+    assert len(set(found.evaluations.tolist())) == 1

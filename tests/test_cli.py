@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import inspect
 import io
 import json
 import os
@@ -17,6 +18,7 @@ from typer.testing import CliRunner
 
 import albedo
 from albedo.cli import _complete_model, app
+from albedo.describe import citation, promises
 
 # Long enough on two busy cores, and far below what a hanging process would take.
 PATIENCE = 120.0
@@ -74,6 +76,12 @@ def test_a_model_is_shown_in_full(name):
     assert result.exit_code == 0
     kind = albedo.models()[name]
     assert kind.equation in result.stdout
+    assert inspect.getdoc(kind) in result.stdout
+    for key in kind.references:
+        assert citation(key) in result.stdout
+    for promise, said in promises(kind).items():
+        assert f"{promise}:" in result.stdout
+        assert said in result.stdout
     for item in kind.parameter_info():
         assert item.name in result.stdout
         assert item.range_text in result.stdout

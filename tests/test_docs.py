@@ -27,6 +27,7 @@ from typer.testing import CliRunner
 import albedo
 import albedo.catalogue
 from albedo.cli import app
+from albedo.describe import citation, markdown
 from albedo.studies import StudyFile, run_study
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -92,10 +93,18 @@ SHOWN = [
     *commands(README.partition("## What was found")[0], "albedo eval"),
     *commands(README, "albedo table"),
     *commands(README, "albedo plot"),
+    *commands(README, "albedo energy"),
 ]
 
 
-@pytest.mark.parametrize("arguments", SHOWN, ids=" ".join)
+# All tables take a minute; tests/test_atlas.py writes some of them.
+LONG = [
+    pytest.param(arguments, marks=pytest.mark.slow) if "--all" in arguments else arguments
+    for arguments in SHOWN
+]
+
+
+@pytest.mark.parametrize("arguments", LONG, ids=" ".join)
 def test_commands_work_as_shown(
     arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -237,3 +246,13 @@ def test_the_steps_of_the_guide_pass_the_tests(tmp_path: Path) -> None:
         check=False,
     )
     assert run.returncode == 0, run.stdout
+
+
+def test_the_list_of_models_is_current() -> None:
+    """``albedo models --markdown`` prints what stands in README.md."""
+    (shown,) = re.findall(r"<!-- models -->\n(.*?)<!-- end -->", README, re.S)
+    assert shown == markdown()
+
+
+def test_sources_are_readable() -> None:
+    assert citation("duer2006").startswith("Dür: An Improved Normalization for the Ward")

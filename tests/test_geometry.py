@@ -289,7 +289,13 @@ def larger_cosine(row: np.ndarray, wi: np.ndarray, wo: np.ndarray, h: np.ndarray
 
 
 @pytest.mark.parametrize(
-    "chart", [CosineChart("max"), *(PolarChart(kind, "max") for kind in HEMISPHERES)], ids=str
+    "chart",
+    [
+        CosineChart("max"),
+        CosineChart("max", angle=True),
+        *(PolarChart(kind, "max") for kind in HEMISPHERES),
+    ],
+    ids=str,
 )
 def test_the_kink_at_equal_cosines_lies_between_panels(
     chart: Any, rng: np.random.Generator
@@ -330,7 +336,11 @@ def test_a_scan_covers_the_hemisphere_once(c: float, phi: float) -> None:
     holds(rows_of(ScanChart(0.1), one, c, phi, (1.0, 1.0)), math.pi)
 
 
-@pytest.mark.parametrize("chart", [PolarChart("slope", "max"), CosineChart("max")], ids=str)
+@pytest.mark.parametrize(
+    "chart",
+    [PolarChart("slope", "max"), CosineChart("max"), CosineChart("max", angle=True)],
+    ids=str,
+)
 def test_the_coarsest_panels_cover_the_hemisphere_too(chart: Any, rng: np.random.Generator) -> None:
     c, phi, _ = random_rows(rng, 40)
     c = np.maximum(c, 0.05)

@@ -13,11 +13,13 @@ from decimal import Decimal
 from functools import cache
 from pathlib import Path
 
+import exact
 import numpy as np
 import pytest
 
 import albedo
 from albedo.brdf import Model
+from albedo.charts.polar import PolarChart
 from albedo.grammar import parse
 from albedo.integrators import adaptive, rules
 
@@ -85,8 +87,15 @@ def describe(found: list[Outcome]) -> str:
 
 
 def test_there_are_references_for_every_model() -> None:
+    """A model without golden albedos names the file that checks its albedo independently."""
     assert len(cases()) >= 500
-    assert {case.model.name for case in cases()} == set(albedo.models())
+    golden = {case.model.name for case in cases()}
+    assert golden <= set(albedo.models())
+    for name in albedo.models().keys() - golden:
+        checked_by = getattr(exact.oracle(name), "CHECKED_BY", None)
+        assert checked_by is not None, f"{name}: no golden albedos, and no CHECKED_BY in its oracle"
+        text = (Path(__file__).parent / checked_by).read_text(encoding="utf-8")
+        assert f'"{name}"' in text, f"{checked_by} does not check {name}"
 
 
 @pytest.mark.parametrize("rtol", [1e-3, 1e-8, 1e-12])
@@ -106,16 +115,25 @@ def test_the_bound_covers_at_every_tolerance(rtol: float) -> None:
 
 @pytest.mark.filterwarnings("ignore::albedo.ConvergenceWarning")
 def test_small_budgets_still_have_honest_bounds_that_are_not_idle() -> None:
-    ratios = []
+    ratios, broad = [], []
     for budget in (64, 256, 1024):
         found = list(outcomes(1e-8, budget))
         dishonest = [o for o in found if not o.covered]
         assert not dishonest, describe(dishonest)
         assert max(o.evaluations for o in found) <= budget + 64
-        ratios += [o.bound / o.error for o in found if o.error > 1e-13 * o.case.scale]
+        for o in found:
+            if o.error > 1e-13 * o.case.scale:
+                (ratios if has_lobe(o.case.model) else broad).append(o.bound / o.error)
     assert len(ratios) > 2000
     # Measured: 1.1e4, 5.0e3 and 1.7e4 for the three budgets, 8.8e3 over all.
     assert np.median(ratios) <= 1e4
+    # Without a lobe errors fall far below what a spectrum can promise: 7.0e4, 1.8e4 and 8.2e5.
+    assert np.median(broad) <= 1e6
+
+
+def has_lobe(model: Model) -> bool:
+    """Whether some part is concentrated: the bounds of the others are idler."""
+    return any(isinstance(part.chart, PolarChart) for part in model.parts())
 
 
 @pytest.mark.slow
@@ -180,15 +198,15 @@ def random_outcomes(seed: int, count: int, rtols: list[float], budgets: list[int
         model = random_model(rng)
         c = float(10.0 ** rng.uniform(-9, 0) if rng.random() < 0.4 else rng.uniform(1e-3, 1.0))
         phi = 0.0 if model.isotropic else float(rng.choice([rng.uniform(0.0, 6.28), 0.0, 1.5708]))
-        exact = albedo.directional_albedo(model, c, phi, rtol=1e-13, max_evaluations=4_000_000)
+        best = albedo.directional_albedo(model, c, phi, rtol=1e-13, max_evaluations=4_000_000)
         # What is granted must not excuse anything: all references are better than the tries.
-        assert exact.error <= 1e-11 * abs(exact.value), (model.spec, c, phi)
+        assert best.error <= 1e-11 * abs(best.value), (model.spec, c, phi)
         tries: list[dict[str, float]] = [{"rtol": rtol} for rtol in rtols]
         tries += [{"max_evaluations": budget} for budget in budgets]
         for options in tries:
             found = albedo.directional_albedo(model, c, phi, **options)
-            error = abs(float(found.value - exact.value))
-            granted = float(found.error + exact.error) + 5e-16 * abs(float(exact.value))
+            error = abs(float(found.value - best.value))
+            granted = float(found.error + best.error) + 5e-16 * abs(float(best.value))
             assert error <= granted, (model.spec, c, phi, options)
 
 

@@ -17,6 +17,7 @@ import pytest
 import albedo
 from albedo.brdf import Model, Real
 from albedo.charts.cosine import CosineChart
+from albedo.charts.dark import DarkChart
 from albedo.charts.polar import PolarChart
 from albedo.directions import spherical
 from albedo.grammar import format_spec, parse
@@ -49,7 +50,7 @@ def filled(part: Any, model: Model, wi: np.ndarray, wo: np.ndarray, h: np.ndarra
     """Values of a part at nodes."""
     p = np.tile(np.array(model.pack(), dtype=float), (wi.shape[1], 1))
     out = np.empty(wo.shape[1:])
-    part.fill(wi, wo, h, p, out)
+    part.fill(wi, wo, h, part.packed(p), out)
     return out
 
 
@@ -232,7 +233,7 @@ def test_compiled_kernels_equal_plain_python(model: Model) -> None:
             wi, wo, h, _ = chart.nodes(
                 geometry[row][keep], code[keep], box[keep], rule.nodes, rule.nodes
             )
-            p = np.tile(np.array(model.pack(), dtype=float), (wi.shape[1], 1))
+            p = part.packed(np.tile(np.array(model.pack(), dtype=float), (wi.shape[1], 1)))
             compiled, plain = np.empty(wo.shape[1:]), np.empty(wo.shape[1:])
             kernel(wi, wo, h, p, compiled)
             with np.errstate(under="ignore"):
@@ -246,6 +247,8 @@ def test_compiled_kernels_equal_plain_python(model: Model) -> None:
     "chart",
     [
         CosineChart("max"),
+        CosineChart("max", angle=True),
+        DarkChart(c_1=0.6, lobe=0.9, second=0.02),
         PolarChart("slope", "v_cavity", "gaussian", 2, 2),
         PolarChart("slope", "max", "cosine_power", 4, full=True),
         PolarChart("mirror", "max", "cosine_power", 4),

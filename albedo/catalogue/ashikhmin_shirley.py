@@ -58,6 +58,8 @@ class AshikhminShirley(Model):
     title = "Ashikhmin-Shirley anisotropic Phong"
     equation = "AS eqs. 4, 5; Schwenk eq. 42"
     references = ("ashikhmin2000", "schwenk2011")
+    tables = ("n=1..1e6/32log", "n_u=1..1e4/16log,n_v=100")
+    domain = "n=0.001..1e9/61log"
 
     n_u = Real(100.0, "exponent along the tangent", low=0.0, high=1e9)
     n_v = Real(100.0, "exponent along the bitangent", low=0.0, high=1e9)

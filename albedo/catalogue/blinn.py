@@ -38,6 +38,8 @@ class Blinn(Model):
     title = "reciprocal Blinn-Phong"
     equation = "Schwenk sect. 3.2; Giesen 2009"
     references = ("lewis1993", "giesen2009", "schwenk2011")
+    tables = ("n=1..1e6/32log",)
+    domain = "n=0.001..1e9/61log"
 
     n = Real(80.0, "exponent", low=0.0, high=1e9)
     rho_s = Real(1.0, "albedo at normal incidence", low=0.0, high=1.0)

@@ -24,6 +24,8 @@ class BlinnOriginal(Model):
     title = "Blinn's lighting model read as a BRDF"
     equation = "Schwenk sect. 3.2"
     references = ("blinn1977", "schwenk2011")
+    tables = ("n=1..1e6/32log",)
+    domain = "n=0.001..1e9/61log"
     reciprocal = False
     conserves_energy = False
     grazing_limit = False

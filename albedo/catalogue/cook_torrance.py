@@ -10,12 +10,20 @@ from typing import Any
 import numpy as np
 
 from albedo._compile import kernel
-from albedo.brdf import Alias, Choice, Model, Part, Real
+from albedo.brdf import Alias, Choice, Part, Real
+from albedo.catalogue._fresnel import SOURCES_OF_FACTORS, FresnelChoice
 from albedo.charts.polar import PolarChart
 from albedo.errors import InputError
-from albedo.fresnel import CODES, fresnel
+from albedo.fresnel import fresnel
 from albedo.geometry import v_dot_h
-from albedo.microfacet import DISTRIBUTIONS, GEOMETRIES, distribution, smith_lambda, v_cavity
+from albedo.microfacet import (
+    DISTRIBUTIONS,
+    GEOMETRIES,
+    distribution,
+    masking_lambda,
+    smith_lambda,
+    v_cavity,
+)
 
 
 @kernel
@@ -24,9 +32,11 @@ def fill(wi, wo, h, p, out):
     for j in range(out.shape[0]):
         lx, ly, lz = wi[0, j], wi[1, j], wi[2, j]
         dist, geometry, kx, ky, scale = int(p[j, 0]), int(p[j, 1]), p[j, 2], p[j, 3], p[j, 4]
-        f_code, f_a, f_b, prefactor = int(p[j, 5]), p[j, 6], p[j, 7], p[j, 8]
-        ax2, ay2 = p[j, 9], p[j, 10]
-        lambda_l = smith_lambda(dist, ax2, ay2, lx, ly, lz) if geometry >= 2 else 0.0
+        ax2, ay2, prefactor = p[j, 5], p[j, 6], p[j, 7]
+        f_code, f_a, f_b, f_c = int(p[j, 8]), p[j, 9], p[j, 10], p[j, 11]
+        lambda_l = 0.0
+        if geometry >= 2:
+            lambda_l = masking_lambda(geometry, dist, ax2, ay2, lx, ly, lz)
         for i in range(out.shape[1]):
             vz = wo[2, j, i]
             if vz <= 0.0:
@@ -40,11 +50,12 @@ def fill(wi, wo, h, p, out):
             if geometry == 1:
                 g = v_cavity(0.5 * hz / u, lz, vz, u)
             elif geometry >= 2:
-                lambda_v = smith_lambda(dist, ax2, ay2, wo[0, j, i], wo[1, j, i], vz)
-                g = 1.0 / (1.0 + lambda_l + lambda_v)
-                if geometry == 2:
-                    g = 1.0 / ((1.0 + lambda_l) * (1.0 + lambda_v))
-            out[j, i] = prefactor * fresnel(f_code, f_a, f_b, u) * d * g / (lz * vz)
+                vx, vy = wo[0, j, i], wo[1, j, i]
+                lambda_v = masking_lambda(geometry, dist, ax2, ay2, vx, vy, vz)
+                g = 1.0 / ((1.0 + lambda_l) * (1.0 + lambda_v))
+                if geometry == 3:
+                    g = 1.0 / (1.0 + lambda_l + lambda_v)
+            out[j, i] = prefactor * fresnel(f_code, f_a, f_b, f_c, u) * d * g / (lz * vz)
 
 
 @kernel
@@ -53,8 +64,8 @@ def loss(wi, wo, h, p, out):
     for j in range(out.shape[0]):
         lx, ly, lz = wi[0, j], wi[1, j], wi[2, j]
         dist, geometry, kx, ky, scale = int(p[j, 0]), int(p[j, 1]), p[j, 2], p[j, 3], p[j, 4]
-        f_code, f_a, f_b = int(p[j, 5]), p[j, 6], p[j, 7]
-        ax2, ay2 = p[j, 9], p[j, 10]
+        ax2, ay2 = p[j, 5], p[j, 6]
+        f_code, f_a, f_b, f_c = int(p[j, 8]), p[j, 9], p[j, 10], p[j, 11]
         lambda_l = smith_lambda(dist, ax2, ay2, lx, ly, lz) if geometry >= 2 else 0.0
         for i in range(out.shape[1]):
             hx, hy, hz, vz = h[0, j, i], h[1, j, i], h[2, j, i], wo[2, j, i]
@@ -72,7 +83,7 @@ def loss(wi, wo, h, p, out):
                 rest = 1.0 + lambda_v + (lambda_l if geometry == 3 else 0.0)
                 g2 = 1.0 / rest if geometry == 3 else g1 / rest
                 lost = g1 * lambda_v / rest
-            absorbed = (1.0 - fresnel(f_code, f_a, f_b, u)) * g2
+            absorbed = (1.0 - fresnel(f_code, f_a, f_b, f_c, u)) * g2
             # Half vectors seen from L reach down to the horizon: their slopes stay numbers.
             x, y = hx / max(hz, 1e-150), hy / max(hz, 1e-150)
             d = distribution(dist, kx, ky, scale, x * x, y * y)
@@ -90,21 +101,38 @@ def gaussian_scale(m: float) -> float:
 
 
 _WIDTHS = ("beckmann", "ggx", "gaussian")
+# Distributions whose constant in print is not that of the projected integral.
+_PRINTED = ("gaussian", "ashikhmin_shirley")
 
 
-class CookTorrance(Model):
+class CookTorrance(FresnelChoice):
     """f = F(v.h) D(h) G(l, v, h) / (4 n.l n.v) (Cook and Torrance 1982; NNS eqs. 9 and 10).
 
     ``prefactor="1/pi"`` is the 1982 text, F/pi with the un-normalised D = exp(-tan^2/m^2)/(m^2
-    cos^4): four times as bright. ``geometry="none"`` is G = 1, which NNS eq. 12 puts in G's
-    place. `smith` uses the exact masking of beckmann and ggx; the other distributions borrow
-    beckmann's of the same slope.
+    cos^4): four times as bright.
+
+    ``normalization="paper"`` takes D with the constant that is printed where that differs: for
+    gaussian Schwenk's arbitrary c as 1/(pi m^2), for ashikhmin_shirley the constant
+    sqrt((n_u + 1)(n_v + 1))/(2 pi) of the density p_h that it is taken from, whose integral over
+    solid angle is 1. (Schwenk's eq. 39 prints no 1/(2 pi); that is 2 pi times as much.) Both are
+    darker than D with a projected integral of 1. Beckmann's D without pi is what
+    ``prefactor="1/pi"`` means.
+
+    ``geometry="none"`` is G = 1, which NNS eq. 12 puts in G's place. `smith` uses the exact
+    masking of beckmann and ggx; the other distributions borrow beckmann's of the same slope.
+    ``smith_rational`` is the rational fit to beckmann's, and ``schlick_smith`` Schlick's
+    approximation, which masks more than both; they are products of two directions' own.
     """
 
     name = "cook_torrance"
     title = "Cook-Torrance microfacets"
     equation = "NNS eqs. 9, 10; Schwenk eqs. 33 to 39"
-    references = ("cook1982", "walter2007", "neumann_pumping", "schwenk2011")
+    references = (
+        *("cook1982", "walter2007", "neumann_pumping", "schwenk2011"),
+        *SOURCES_OF_FACTORS,
+    )
+    tables = ("m=0.02..1/32", "alpha_x=0.02..1/16,alpha_y=0.2")
+    domain = "m=1e-8..10/46log"
 
     alpha_x = Real(0.1, "roughness along the tangent, sqrt(2) x rms slope", low=1e-8, high=10.0)
     alpha_y = Real(0.1, "roughness along the bitangent", low=1e-8, high=10.0)
@@ -113,22 +141,18 @@ class CookTorrance(Model):
     n_v = Real(200.0, "exponent along the bitangent", low=0.0, high=1e9)
     n = Alias(None, "isotropic exponent", targets=("n_u", "n_v"))
     distribution = Choice("beckmann", "distribution D", choices=tuple(DISTRIBUTIONS))
+    normalization = Choice(
+        "microfacet", "projected integral 1, or as printed", choices=("microfacet", "paper")
+    )
     geometry = Choice("v_cavity", "masking-shadowing G", choices=tuple(GEOMETRIES))
-    fresnel = Choice("white", "Fresnel factor F", choices=tuple(CODES))
-    f0 = Real(0.04, "schlick: reflectance at normal incidence", low=0.0, high=1.0)
-    ior = Real(1.5, "dielectric, conductor: relative index of refraction", low=1e-3, high=100.0)
-    k = Real(3.0, "conductor: extinction coefficient", low=0.0, high=100.0)
     prefactor = Choice("1/4", "modern form, or the text of 1982", choices=("1/4", "1/pi"))
 
     def used(self, values: Mapping[str, Any]) -> tuple[str, ...]:
-        sharp = ("alpha_x", "alpha_y") if values["distribution"] in _WIDTHS else ("n_u", "n_v")
-        index = {"white": (), "schlick": ("f0",), "dielectric": ("ior",), "conductor": ("ior", "k")}
-        return (
-            *sharp,
-            *("distribution", "geometry", "fresnel"),
-            *index[values["fresnel"]],
-            "prefactor",
-        )
+        kind = values["distribution"]
+        others = {"n_u", "n_v"} if kind in _WIDTHS else {"alpha_x", "alpha_y"}
+        if kind not in _PRINTED:
+            others.add("normalization")
+        return tuple(name for name in super().used(values) if name not in others)
 
     def __init__(self, /, **values: Any) -> None:
         super().__init__(**values)
@@ -137,6 +161,10 @@ class CookTorrance(Model):
             raise InputError(
                 f"cook_torrance: {self.distribution} is isotropic; give one value, not {ax:g} and "
                 f"{ay:g}"
+            )
+        if self.geometry == "smith_rational" and self.distribution == "ggx":
+            raise InputError(
+                "cook_torrance: geometry = 'smith_rational' is a fit for beckmann; ggx has smith"
             )
 
     @property
@@ -157,8 +185,21 @@ class CookTorrance(Model):
 
     @property
     def conserves_energy(self) -> bool:  # type: ignore[override]
-        """G = 1, a masking that is not the distribution's, or the 1982 prefactor lose the bound."""
-        return self._exact_masking and self.prefactor == "1/4"
+        """G = 1, a masking that is not the distribution's, or the 1982 prefactor lose the bound.
+
+        Schlick's masking is dark enough for all, and the fit to beckmann's for beckmann. With the
+        constants as printed a borrowed masking suffices, but for correlated needles.
+        """
+        if self.geometry == "none" or self.prefactor == "1/pi":
+            return False
+        if self._as_printed:
+            return self.geometry != "smith_correlated" or self.distribution == "gaussian"
+        own = self.geometry == "smith_rational" and self.distribution == "beckmann"
+        return self._exact_masking or self.geometry == "schlick_smith" or own
+
+    @property
+    def _as_printed(self) -> bool:
+        return self.parameters.get("normalization") == "paper"
 
     @property
     def grazing_limit(self) -> bool:  # type: ignore[override]
@@ -167,21 +208,20 @@ class CookTorrance(Model):
 
     def pack(self) -> tuple[float, ...]:
         ax, ay = self._sharpness
-        if self.distribution == "gaussian":
+        if self.distribution == "gaussian" and not self._as_printed:
             scale = gaussian_scale(ax)
         elif self.distribution in _WIDTHS:
             scale = 1.0 / (math.pi * ax * ay)
         else:
-            scale = math.sqrt((ax + 2.0) * (ay + 2.0)) / (2.0 * math.pi)
-        fresnel_a = self.f0 if self.fresnel == "schlick" else 0.0
-        fresnel_a = self.ior if self.fresnel in ("dielectric", "conductor") else fresnel_a
+            more = 1.0 if self._as_printed else 2.0
+            scale = math.sqrt((ax + more) * (ay + more)) / (2.0 * math.pi)
         widths = self.distribution in _WIDTHS
         slope_x, slope_y = (ax * ax, ay * ay) if widths else (2.0 / (ax + 2.0), 2.0 / (ay + 2.0))
         kx, ky = (1.0 / slope_x, 1.0 / slope_y) if widths else (ax, ay)
         return (
             *(DISTRIBUTIONS[self.distribution], GEOMETRIES[self.geometry], kx, ky, scale),
-            *(CODES[self.fresnel], fresnel_a, self.k if self.fresnel == "conductor" else 0.0),
-            *(0.25 if self.prefactor == "1/4" else 1.0, slope_x, slope_y),
+            *(slope_x, slope_y, 0.25 if self.prefactor == "1/4" else 1.0),
+            *self.pack_fresnel(),
         )
 
     def parts(self) -> tuple[Part, ...]:
@@ -198,8 +238,8 @@ class CookTorrance(Model):
         if powers:
             ax, ay = math.sqrt(2.0 / max(ax, 2.0)), math.sqrt(2.0 / max(ay, 2.0))
         # Smith's factors turn where n.v passes n.l, next to the mirror direction at grazing.
-        origin = 2 if self.geometry in ("smith", "smith_correlated") else 1
+        origin = 1 if self.geometry in ("none", "v_cavity") else 2
         chart = PolarChart("slope", kinks, kind, edge, origin)
-        known = self._exact_masking and self.prefactor == "1/4"
+        known = self._exact_masking and self.prefactor == "1/4" and not self._as_printed
         whole = PolarChart("slope", kinks, kind, edge, origin, full=True)
         return (Part("specular", fill, chart, (ax, ay), loss if known else None, whole),)

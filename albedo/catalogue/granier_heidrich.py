@@ -72,6 +72,8 @@ class GranierHeidrich(Model):
     title = "Granier-Heidrich layered RGB model"
     equation = "after Granier and Heidrich 2003"
     references = ("granier2003", "schwenk2011")
+    tables = ("thickness=0..1/32",)
+    domain = "ior=1..3/11,thickness=0..0.5/11"
 
     ior = Color(1.5, "relative index of refraction of the layer", low=1.0, high=10.0)
     thickness = Real(0.5, "thickness of the layer", "um", low=0.0, high=1e3)

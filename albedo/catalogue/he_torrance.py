@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from albedo._compile import kernel
-from albedo.brdf import Choice, Model, Part, Real
+from albedo.brdf import Choice, Part, Real
+from albedo.catalogue._fresnel import SOURCES_OF_FACTORS, FresnelChoice
 from albedo.charts.cosine import CosineChart
 from albedo.charts.polar import PolarChart
-from albedo.fresnel import CODES, fresnel
+from albedo.fresnel import fresnel
 from albedo.geometry import v_dot_h
 from albedo.microfacet import beckmann_lambda
 
@@ -124,7 +125,7 @@ def fill(wi, wo, h, p, out):
     for j in range(out.shape[0]):
         lz = wi[2, j]
         ratio, k2s2, k2t2, scale = p[j, 0], p[j, 1], p[j, 2], p[j, 3]
-        f_code, f_a, f_b = int(p[j, 4]), p[j, 5], p[j, 6]
+        f_code, f_a, f_b, f_c = int(p[j, 5]), p[j, 6], p[j, 7], p[j, 8]
         sin_l = math.hypot(wi[0, j], wi[1, j])
         s_l = shadowing(ratio, lz, sin_l)
         k_l = roughness_slope(ratio, lz, sin_l)
@@ -141,7 +142,8 @@ def fill(wi, wo, h, p, out):
             u = v_dot_h(hx, hy, hz)
             u2 = u * u
             geometry = 16.0 * u2 * u2 / (hz * hz)
-            out[j, i] = fresnel(f_code, f_a, f_b, u) * geometry * shadow * d / (math.pi * lz * vz)
+            factor = fresnel(f_code, f_a, f_b, f_c, u)
+            out[j, i] = factor * geometry * shadow * d / (math.pi * lz * vz)
 
 
 @kernel
@@ -149,7 +151,7 @@ def fill_diffuse(wi, wo, h, p, out):
     """f_ud = a_ud / pi."""
     for j in range(out.shape[0]):
         for i in range(out.shape[1]):
-            out[j, i] = p[j, 7] / math.pi
+            out[j, i] = p[j, 4] / math.pi
 
 
 @kernel
@@ -158,10 +160,10 @@ def mirror_share(c, p):
     s = math.sqrt((1.0 - c) * (1.0 + c))
     shadow = shadowing(p[0], c, s)
     g = p[1] * roughness2(2.0 * roughness_slope(p[0], c, s)) * 4.0 * c * c
-    return fresnel(int(p[4]), p[5], p[6], c) * math.exp(-g) * shadow * shadow
+    return fresnel(int(p[5]), p[6], p[7], p[8], c) * math.exp(-g) * shadow * shadow
 
 
-class HeTorrance(Model):
+class HeTorrance(FresnelChoice):
     """f = f_dd + a_ud/pi, plus a mirror part (He, Torrance, Sillion and Greenberg 1991).
 
     Directional diffuse: f_dd = F G S D/(pi n.l n.v) with the geometry factor in its closed form
@@ -175,40 +177,31 @@ class HeTorrance(Model):
     name = "he_torrance"
     title = "He-Torrance physical optics"
     equation = "He et al. 1991, eqs. 70 to 82"
-    references = ("he1991", "neumann_pumping")
+    references = ("he1991", "neumann_pumping", *SOURCES_OF_FACTORS)
+    tables = ("sigma0=0.02..0.5/32",)
+    domain = "sigma0=0.01..1/9log,tau=0.5..50/9log"
     conserves_energy = False
 
     sigma0 = Real(0.1, "rms height of the surface", "um", low=1e-4, high=100.0)
     tau = Real(1.7, "correlation length", "um", low=1e-3, high=1e4)
     wavelength = Real(0.5, "wavelength of the light", "um", low=1e-2, high=1e3)
-    fresnel = Choice("white", "Fresnel factor F", choices=tuple(CODES))
-    f0 = Real(0.04, "schlick: reflectance at normal incidence", low=0.0, high=1.0)
-    ior = Real(1.5, "dielectric, conductor: relative index of refraction", low=1e-3, high=100.0)
-    k = Real(3.0, "conductor: extinction coefficient", low=0.0, high=100.0)
     a_ud = Real(0.0, "albedo of the uniform diffuse part", low=0.0, high=1.0)
     mirror = Choice("on", "mirror part", choices=("on", "off"))
     directional_diffuse = Choice("on", "directional diffuse part", choices=("on", "off"))
 
     def used(self, values: Mapping[str, Any]) -> tuple[str, ...]:
-        index = {"white": (), "schlick": ("f0",), "dielectric": ("ior",), "conductor": ("ior", "k")}
-        return (
-            *("sigma0", "tau", "wavelength", "fresnel"),
-            *index[values["fresnel"]],
-            *("a_ud", "mirror", "directional_diffuse"),
-        )
+        others = super().used(values)
+        return tuple(name for name in values if name in others or name == "wavelength")
 
     def pack(self) -> tuple[float, ...]:
         wave = 2.0 * math.pi / self.wavelength
-        a = {"schlick": "f0", "dielectric": "ior", "conductor": "ior"}.get(self.fresnel)
         return (
             self.tau / self.sigma0,
             (wave * self.sigma0) ** 2,
             (wave * self.tau) ** 2,
             (0.5 * math.pi * self.tau / self.wavelength) ** 2,
-            CODES[self.fresnel],
-            self.parameters[a] if a else 0.0,
-            self.k if self.fresnel == "conductor" else 0.0,
             self.a_ud,
+            *self.pack_fresnel(),
         )
 
     def parts(self) -> tuple[Part, ...]:

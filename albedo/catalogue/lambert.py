@@ -32,6 +32,8 @@ class Lambert(Model):
     title = "Lambert's ideal diffuse reflector"
     equation = "Lambert 1760"
     references = ("lambert1760",)
+    tables = ("rho=0..1/32",)
+    domain = "rho=0..1/11"
 
     rho = Real(1.0, "albedo", low=0.0, high=1.0)
 

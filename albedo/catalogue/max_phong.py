@@ -43,6 +43,8 @@ class MaxPhong(Model):
     title = "Phong over the larger cosine"
     equation = "NNS eq. 22"
     references = ("neumann1999", "neumann_pumping")
+    tables = ("n=1..1e6/32log",)
+    domain = "n=0.001..1e9/61log"
 
     n = Real(20.0, "exponent", low=0.0, high=1e9)
     rho_s = Real(1.0, "scale", low=0.0, high=1.0)

@@ -37,6 +37,8 @@ class MaxPhongAnisotropic(Model):
     title = "anisotropic Phong over the larger cosine"
     equation = "after NNS eq. 22"
     references = ("neumann1999",)
+    tables = ("n_u=1..1e4/16log,n_v=100",)
+    domain = "n_u=1..1e8/9log,n_v=1..1e8/9log"
     conserves_energy = False
 
     n_u = Real(100.0, "exponent along the tangent", low=0.0, high=1e9)

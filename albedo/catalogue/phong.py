@@ -32,6 +32,8 @@ class Phong(Model):
     title = "reciprocal Phong"
     equation = "NNS eq. 6"
     references = ("lewis1993", "lafortune1994", "neumann_pumping")
+    tables = ("n=1..1e6/32log",)
+    domain = "n=0.001..1e9/61log"
 
     n = Real(20.0, "exponent", low=0.0, high=1e9)
     rho_s = Real(1.0, "albedo at normal incidence", low=0.0, high=1.0)

@@ -29,6 +29,8 @@ class PhongOriginal(Model):
     title = "Phong's lighting model read as a BRDF"
     equation = "NNS eq. 5; Schwenk eq. 24"
     references = ("phong1975", "neumann_pumping", "schwenk2011")
+    tables = ("n=1..1e6/32log",)
+    domain = "n=0.001..1e9/61log"
     reciprocal = False
     conserves_energy = False
     grazing_limit = False

@@ -140,6 +140,8 @@ class Schlick(Model):
     title = "Schlick's rational model"
     equation = "Schwenk eqs. 47 to 49"
     references = ("schlick1993", "schlick1994", "schwenk2011")
+    tables = ("roughness=0.01..1/32", "roughness=0.01..1/16,isotropy=0.3")
+    domain = "roughness=1e-6..1/37log"
 
     roughness = Real(0.1, "roughness r", low=1e-16, high=1.0)
     isotropy = Real(1.0, "isotropy p", low=1e-3, high=1.0)

@@ -69,6 +69,8 @@ class Schwenk(Model):
     title = "Schwenk for real-time rendering"
     equation = "Schwenk eqs. 50 to 53"
     references = ("schwenk2011",)
+    tables = ("smoothness=0..1/32",)
+    domain = "smoothness=0..1/31"
 
     color = Color(1.0, "colour C", low=0.0, high=1.0)
     metalness = Real(0.0, "metalness m", low=0.0, high=1.0)

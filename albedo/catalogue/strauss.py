@@ -89,6 +89,8 @@ class Strauss(Model):
     title = "Strauss for animators"
     equation = "Schwenk eq. 46"
     references = ("strauss1990", "schwenk2011")
+    tables = ("smoothness=0..0.98/32",)
+    domain = "smoothness=0..0.999/31"
     reciprocal = False
 
     smoothness = Real(0.5, "smoothness s", low=0.0, high=SMOOTHEST)

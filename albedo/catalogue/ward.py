@@ -40,6 +40,8 @@ class Ward(Model):
     title = "Ward 1992"
     equation = "NNS eq. 8; Schwenk eqs. 43, 44"
     references = ("ward1992", "walter2005", "neumann_pumping", "schwenk2011")
+    tables = ("m=0.02..1/32", "alpha_x=0.02..1/16,alpha_y=0.2")
+    domain = "m=1e-8..10/46log"
     conserves_energy = False
     grazing_limit = False
 

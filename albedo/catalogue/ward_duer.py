@@ -31,6 +31,8 @@ class WardDuer(Model):
     title = "Ward-Duer 2006"
     equation = "Duer 2006"
     references = ("duer2006", "walter2005")
+    tables = ("m=0.02..1/32", "alpha_x=0.02..1/16,alpha_y=0.2")
+    domain = "m=1e-8..10/46log"
     conserves_energy = False
     grazing_limit = False
 

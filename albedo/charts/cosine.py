@@ -3,6 +3,11 @@
 V = (sqrt(1 - mu^2) cos(psi), sqrt(1 - mu^2) sin(psi), mu) with psi measured from L's azimuth;
 n.v dV = mu dmu dpsi. Panels end at psi = 0, +-pi/2, pi and, for models with max(n.l, n.v), at
 mu = n.l.
+
+Models in angles have a root at mu = 1, where the angle of V to the normal is sqrt(2 (1 - mu)). For
+them the coordinate is V's elevation t, mu = sin(t). Above the elevation t_l of L it is graded as
+t + t_l = 2 t_l exp(x): functions of n.l + n.v, which at grazing incidence change in a layer as
+thin as n.l, are smooth in x.
 """
 
 from __future__ import annotations
@@ -15,6 +20,9 @@ import numpy as np
 
 from albedo._compile import kernel
 
+# A rule of a dozen nodes sees this many e-folds of a graded panel to all digits.
+_FOLDS = 7.0
+
 
 @dataclass(frozen=True)
 class CosineChart:
@@ -24,10 +32,13 @@ class CosineChart:
     ----------
     kinks : {"none", "max"}
         Whether the integrand has a kink where n.v = n.l.
+    angle : bool
+        Integrate over the elevation of V, graded above that of L where there is a kink.
     """
 
     kinks: str = "none"
     full: bool = False
+    angle: bool = False
 
     def panels(
         self,
@@ -40,20 +51,29 @@ class CosineChart:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Panels of every row; see `albedo.charts.polar.PolarChart.panels`."""
         c = cos_theta
-        geometry = np.column_stack((c, np.sqrt((1 - c) * (1 + c)), np.cos(phi), np.sin(phi)))
+        s = np.sqrt((1 - c) * (1 + c))
+        geometry = np.column_stack((c, s, np.cos(phi), np.sin(phi), np.arctan2(c, s)))
         halves = 2 if isotropic else 4
         psi = np.linspace(0.0, 0.5 * np.pi * halves, halves + 1)
         row, code, box = [], [], []
         for i, mu in enumerate(c):
-            cuts = (
-                [0.0, mu, 1.0] if self.kinks == "max" and 0 < mu < 1 and not coarse else [0.0, 1.0]
-            )
             for u0, u1 in itertools.pairwise(psi):
-                for v0, v1 in itertools.pairwise(cuts):
+                for v0, v1, graded in self._heights(mu, geometry[i, 4], coarse):
                     row.append(i)
-                    code.append((0, 0, 1, 2 if isotropic else 1))
+                    code.append((0, 0, graded, 2 if isotropic else 1))
                     box.append((u0, u1, v0, v1))
         return geometry, np.array(row), np.array(code), np.array(box)
+
+    def _heights(self, mu: float, elevation: float, coarse: bool) -> list[tuple[float, float, int]]:
+        """Ends of the panels from the horizon to the normal, and whether they are graded."""
+        top = 0.5 * math.pi if self.angle else 1.0
+        if self.kinks != "max" or not 0 < mu < 1 or coarse:
+            return [(0.0, top, 0)]
+        if not self.angle:
+            return [(0.0, mu, 0), (mu, top, 0)]
+        end = math.log(0.5 * (top / elevation + 1.0))
+        x = np.linspace(0.0, end, 1 + max(1, math.ceil(end / _FOLDS))).tolist()
+        return [(0.0, elevation, 0), *((v0, v1, 1) for v0, v1 in itertools.pairwise(x))]
 
     def nodes(
         self,
@@ -67,12 +87,12 @@ class CosineChart:
         m, count = box.shape[0], u.size * v.size
         wi, wo, h = np.empty((3, m)), np.empty((3, m, count)), np.empty((3, m, count))
         weight = np.empty((m, count))
-        _nodes(geometry, code, box, u, v, wi, wo, h, weight)
+        _nodes(geometry, code, box, u, v, self.angle, wi, wo, h, weight)
         return wi, wo, h, weight
 
 
 @kernel
-def _nodes(geometry, code, box, u, v, wi, wo, h, weight):
+def _nodes(geometry, code, box, u, v, angle, wi, wo, h, weight):
     for k in range(box.shape[0]):
         c, s, cos_phi, sin_phi = geometry[k, 0], geometry[k, 1], geometry[k, 2], geometry[k, 3]
         wi[0, k] = s * cos_phi
@@ -84,7 +104,16 @@ def _nodes(geometry, code, box, u, v, wi, wo, h, weight):
             cos_psi, sin_psi = math.cos(psi), math.sin(psi)
             for iv in range(v.size):
                 mu = v0 + (v1 - v0) * v[iv]
-                sin_v = math.sqrt((1.0 - mu) * (1.0 + mu))
+                stretch = 1.0
+                if angle:
+                    t = mu
+                    if code[k, 2] > 0:
+                        stretch = 2.0 * geometry[k, 4] * math.exp(mu)
+                        t = stretch - geometry[k, 4]
+                    mu, sin_v = math.sin(t), math.cos(t)
+                    stretch *= sin_v
+                else:
+                    sin_v = math.sqrt((1.0 - mu) * (1.0 + mu))
                 vx = sin_v * (cos_psi * cos_phi - sin_psi * sin_phi)
                 vy = sin_v * (cos_psi * sin_phi + sin_psi * cos_phi)
                 i = iu * v.size + iv
@@ -94,4 +123,4 @@ def _nodes(geometry, code, box, u, v, wi, wo, h, weight):
                 h[0, k, i] = vx + wi[0, k]
                 h[1, k, i] = vy + wi[1, k]
                 h[2, k, i] = mu + c
-                weight[k, i] = code[k, 3] * mu * (u1 - u0) * (v1 - v0)
+                weight[k, i] = code[k, 3] * mu * stretch * (u1 - u0) * (v1 - v0)

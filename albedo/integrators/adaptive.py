@@ -368,10 +368,14 @@ def _plan(cells: _Cells, allowed: np.ndarray, active: np.ndarray, n: int) -> _Wo
     total = cells.error[live].sum(1)
     rank = np.lexsort((total, cells.row[live]))
     total, live = total[rank], live[rank]
-    rows, running = cells.row[live], np.cumsum(total)
+    rows = cells.row[live]
+    # As shares of their row: beside the errors of another row small ones would be rounded away.
+    whole = np.maximum(np.bincount(rows, weights=total, minlength=n), 1e-300)[rows]
+    share = np.where(np.isfinite(whole), total / whole, 1.0)
+    running = np.cumsum(share)
     start = np.concatenate(([True], rows[1:] != rows[:-1]))
-    base = (running - total)[start][np.cumsum(start) - 1]
-    spare = running - base <= allowed[rows]
+    base = (running - share)[start][np.cumsum(start) - 1]
+    spare = running - base <= allowed[rows] / whole
     parent = np.sort(live[~spare])
     count = np.bincount(cells.row[parent], minlength=n)
     order, cut = np.empty((parent.size, 2), int), np.empty(parent.size, int)

@@ -21,7 +21,8 @@ and ``c = cos(theta)``::
 so that ``V`` is above the horizon inside a disk about ``(t, 0)`` of radius ``1/c``.
 *R.V models* are integrated over the angle ``psi`` in the plane of incidence, counted from the
 mirror direction ``R``, and the angle ``beta`` out of that plane.
-*He-Torrance* is integrated over the cosine of ``V`` and its azimuth.
+*He-Torrance* is integrated over the cosine of ``V`` and its azimuth, *rough facets* (Oren-Nayar and
+its successors) over the elevation of ``V`` and its azimuth.
 
 Every integral is iterated: an inner one-dimensional integral for each node of the outer one.  Both
 are composite Gauss-Legendre rules.  The panels are cut at every kink, at the edges of the domain,
@@ -1379,6 +1380,104 @@ def lambert_w(x: Real) -> Real:
 
 
 # ------------------------------------------------------------------------------------------------
+# Rough diffuse models over the elevation of V and its azimuth
+# ------------------------------------------------------------------------------------------------
+
+
+class Facets:
+    """f of the angles of L and V to the normal, their cosines, and that between the azimuths."""
+
+    def __init__(self, spec: Spec) -> None:
+        self.rho = spec.real("rho", 1.0)
+        self.third = AR.num(1) / 3
+        if "sigma" in spec.params:
+            s2 = spec.real("sigma") ** 2
+            self.a = 1 - s2 / (s2 + AR.num("0.33")) / 2
+            self.lobe = s2 / (s2 + AR.num("0.09"))
+            self.b = AR.num("0.45") * self.lobe
+            self.second = AR.num("0.17") * self.rho * s2 / (s2 + AR.num("0.13"))
+        else:
+            self.r = spec.real("r")
+            self.a_f = 1 / (1 + self.k_1 * self.r)
+        self.fitted = spec.word("albedo", "exact") == "fitted"
+
+    @property
+    def k_1(self) -> Real:
+        return AR.num(1) / 2 - 2 * self.third / AR.pi
+
+    def oren_nayar(self, x: Real, y: Real, c: Real) -> Real:
+        alpha, beta = max(x, y), min(x, y)
+        return self.a + self.b * max(0 * c, c) * AR.sin(alpha) * AR.tan(beta)
+
+    def oren_nayar_full(self, x: Real, y: Real, c: Real) -> Real:
+        alpha, beta = max(x, y), min(x, y)
+        low, high = 2 * beta / AR.pi, 2 * alpha / AR.pi
+        c_2 = self.b * (AR.sin(alpha) - (low**3 if c < 0 else 0))
+        c_3 = self.lobe / 8 * (low * high) ** 2
+        first = self.a + c * c_2 * AR.tan(beta) + (1 - abs(c)) * c_3 * AR.tan((alpha + beta) / 2)
+        return first + self.second * (1 - c * low**2)
+
+    def ratio(self, x: Real, y: Real, c: Real) -> Real:
+        """s/t."""
+        s = AR.sin(x) * AR.sin(y) * c
+        return s / AR.cos(min(x, y)) if c > 0 else s
+
+    def fujii(self, x: Real, y: Real, c: Real) -> Real:
+        return self.a + self.second + self.b * self.ratio(x, y, c)
+
+    def artist(self, x: Real, y: Real, c: Real) -> Real:
+        return self.a_f * (1 + self.r * self.ratio(x, y, c))
+
+    def single(self, x: Real) -> Real:
+        """E_F."""
+        si, mu = AR.sin(x), AR.cos(x)
+        g = si * (x - si * mu) + 2 * self.third * (si / mu * (1 - si**3) - si)
+        return self.a_f * (1 + self.r * g / AR.pi)
+
+    def as_fitted(self, x: Real) -> Real:
+        """E_F by the polynomial."""
+        u = 1 - AR.cos(x)
+        q = AR.num(0)
+        for k in ("0.0714429953", "-0.332181442", "0.491881867", "0.0571085289"):
+            q = u * (AR.num(k) + q)
+        return self.a_f * (1 + self.r * q)
+
+    def multiple(self) -> tuple[Real, Real]:
+        """rho_ms and <E_F>."""
+        mean = self.a_f * (1 + (2 * self.third - 28 / (15 * AR.pi)) * self.r)
+        return self.rho * mean / (1 - self.rho * (1 - mean)), mean
+
+    def eon(self, x: Real, y: Real, c: Real) -> Real:
+        e = self.as_fitted if self.fitted else self.single
+        rho_ms, mean = self.multiple()
+        return self.artist(x, y, c) + rho_ms * (1 - e(x)) * (1 - e(y)) / (1 - mean)
+
+
+def facets(spec: Spec, light: Incidence, rule: Rule) -> Real:
+    """Models of rough facets: rho/pi times a function of two angles and one cosine."""
+    model = Facets(spec)
+    name = "artist" if spec.word("form", "matched") == "artist" else spec.name
+    f = getattr(model, name)
+    right = AR.pi / 2
+    tilt = AR.asin(light.c) if light.c < 1 else right
+    halves = [Panel(AR.num(0), right), Panel(right, 2 * right)]
+
+    def outer(t: Real) -> Real:
+        y = right - t
+        around = integrate(lambda psi: f(light.theta, y, AR.cos(psi)), halves, rule)
+        return around * AR.sin(t) * AR.cos(t)
+
+    near = [Feature(AR.num(0), float(tilt))]
+    panels = march(AR.num(0), tilt, near, rule.spread, False)
+    if tilt < right:
+        panels += march(tilt, right, near, rule.spread, False)
+    return 2 * model.rho / AR.pi * integrate(outer, panels, rule)
+
+
+FACETS = ("oren_nayar", "oren_nayar_full", "fujii", "eon")
+
+
+# ------------------------------------------------------------------------------------------------
 # Values and closed forms
 # ------------------------------------------------------------------------------------------------
 
@@ -1400,6 +1499,8 @@ def albedo(spec: Spec, cos_theta: float, phi: float, which: int) -> Real:
         return spec.real("rho")
     if spec.name in RV_MODELS:
         return RV_MODELS[spec.name](spec, light, rule)
+    if spec.name in FACETS:
+        return facets(spec, light, rule)
     if spec.name == "he_torrance":
         return HeTorrance(spec, light).value(rule, closed=which == 1)
     return half_vector(spec, light, rule)
@@ -1420,6 +1521,13 @@ def closed_form(spec: Spec, cos_theta: float) -> Real | None:
         value = mu * (half + part) + sine ** (n + 2) / (n + 1)
         value *= mp.beta(0.5, (n + 3) / 2)
         return value * (n + 2) / (2 * mp.pi) if spec.name == "phong" else value / mu
+    if spec.name == "oren_nayar":  # the integral of max(0, cos(psi)) is 2
+        s2, si, x = mp.mpf(params["sigma"]) ** 2, mp.sqrt((1 - mu) * (1 + mu)), mp.acos(mu)
+        around = si * ((1 - si**3) / (3 * mu) + (x - mu * si) / 2)
+        lobe = mp.mpf("0.9") * s2 / (s2 + mp.mpf("0.09")) / mp.pi * around
+        return mp.mpf(params.get("rho", 1.0)) * (1 - s2 / (s2 + mp.mpf("0.33")) / 2 + lobe)
+    if spec.name == "eon" and spec.word("albedo", "exact") == "exact" and params["rho"] == 1.0:
+        return mp.mpf(1)
     if cos_theta == 1.0 and spec.name in ("blinn", "max_phong", "max_phong_anisotropic"):
         return mp.mpf(1)
     if cos_theta == 1.0 and spec.name == "blinn_original":
@@ -1595,6 +1703,7 @@ def table() -> Iterator[Row]:
     yield from _distributions()
     yield from _anisotropic()
     yield from _he_torrance()
+    yield from _facets()
 
 
 def _isotropic_moderate() -> Iterator[Row]:
@@ -1718,6 +1827,17 @@ def _he_torrance() -> Iterator[Row]:
     heights = ("0.02", "0.05", "0.1", "0.2", "0.5")
     models = [f"he_torrance:sigma0={h},tau=1.7,wavelength=0.5" for h in heights]
     yield from grid(models, (1.0, 0.9, 0.5, 0.1, 1e-2, 1e-3))
+
+
+def _facets() -> Iterator[Row]:
+    models = [f"oren_nayar:sigma={s}" for s in ("0.1", "0.3", "1.2")]
+    models += [
+        f"oren_nayar_full:rho={x},sigma={s}" for x, s in ((1.0, 0.3), (0.2, 0.6), (1.0, 1.2))
+    ]
+    models += ["fujii:sigma=0.3", "fujii:rho=0.5,sigma=1.2", "fujii:form=artist,r=1.0"]
+    models += [f"eon:rho={x},r={r}" for x, r in ((1.0, 0.5), (0.5, 1.0))]
+    models += ["eon:rho=0.5,r=1.0,albedo=fitted"]
+    yield from grid(models, (1.0, 0.7, 0.3, 0.03, 1e-3, 1e-6))
 
 
 def read_rows(path: Path) -> list[dict[str, str]]:

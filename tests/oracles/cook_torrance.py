@@ -20,6 +20,15 @@ CASES: list[dict[str, Any]] = [
     {"m": 0.4, "fresnel": "conductor", "ior": 0.2, "k": 3.0},
     {"m": 0.4, "fresnel": "dielectric", "ior": 0.7, "distribution": "ggx"},
     {"m": 0.4, "geometry": "none"},
+    {"m": 0.4, "geometry": "schlick_smith"},
+    {"alpha_x": 0.5, "alpha_y": 0.05, "distribution": "ggx", "geometry": "schlick_smith"},
+    {"m": 0.4, "geometry": "smith_rational"},
+    {"m": 0.6, "distribution": "gaussian", "normalization": "paper"},
+    {"n_u": 10.0, "n_v": 1e3, "distribution": "ashikhmin_shirley", "normalization": "paper"},
+    {"m": 0.3, "fresnel": "schlick", "f0": 0.5},
+    {"m": 0.3, "fresnel": "lazanyi", "ior": 0.97, "k": 6.68},
+    {"m": 0.3, "fresnel": "lazanyi", "ior": 0.39, "k": 2.67, "a": 0.155, "alpha": 3.02},
+    {"m": 0.3, "fresnel": "copper", "source": "measured", "wavelength": 0.47},
 ]
 """Sets of parameters that matter together."""
 
@@ -33,8 +42,9 @@ def brdf(p: Mapping[str, Any], light: Any, view: Any) -> Number:
     if p["geometry"] == "v_cavity":
         g = min(g, 2 * h[2] * light[2] / u, 2 * h[2] * view[2] / u)
     elif p["geometry"] != "none":
-        a, b = smith_lambda(name, width, light), smith_lambda(name, width, view)
+        a, b = (smith_lambda(name, width, v, p["geometry"]) for v in (light, view))
         g = 1 / (1 + a + b) if p["geometry"] == "smith_correlated" else 1 / ((1 + a) * (1 + b))
     # 1982: F/pi, with a distribution that lacks 1/pi.
     quarter = mp.one if p["prefactor"] == "1/pi" else mp.mpf("0.25")
-    return fresnel_of(p, u) * distribution(name, width, h) * g * quarter / (light[2] * view[2])
+    d = distribution(name, width, h, p.get("normalization") == "paper")
+    return fresnel_of(p, u) * d * g * quarter / (light[2] * view[2])

@@ -7,6 +7,9 @@ from typing import Any
 
 from exact import Number, cos_mirror, dot, fresnel, mp, power
 
+CHECKED_BY = "test_granier_heidrich.py"
+"""Where the albedo is held against something independent."""
+
 CASES: list[dict[str, Any]] = [
     {"ior": 1.4, "e0": 10.0, "e1": 5.0, "normalization": "phong"},
     {"ior": 2.0, "e0": 1000.0, "e1": 300.0, "k_d": 0.3, "color": 0.5},

@@ -11,6 +11,7 @@ CASES: list[dict[str, Any]] = [
     {"sigma0": 5.0, "tau": 50.0},
     {"sigma0": 0.01, "tau": 3.0},
     {"sigma0": 0.18, "tau": 3.0, "fresnel": "dielectric", "a_ud": 0.2},
+    {"fresnel": "copper", "source": "measured", "wavelength": 0.6, "a_ud": 1.0},
 ]
 """Sets of parameters that matter together."""
 

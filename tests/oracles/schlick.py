@@ -7,6 +7,9 @@ from typing import Any
 
 from exact import Number, dot, half, mp
 
+CHECKED_BY = "test_schlick.py"
+"""Where the albedo is held against something independent."""
+
 CASES: list[dict[str, Any]] = [
     {"roughness": 0.01, "isotropy": 0.2},
     {"roughness": 0.3, "isotropy": 0.01, "color": 0.3},

@@ -7,6 +7,9 @@ from typing import Any
 
 from exact import Number, dot, half, mp
 
+CHECKED_BY = "test_schwenk.py"
+"""Where the albedo is held against something independent."""
+
 CASES: list[dict[str, Any]] = [
     {"color": 0.3, "metalness": 1.0, "smoothness": 0.9},
     {"color": 0.3, "metalness": 0.5, "level": "3"},

@@ -7,6 +7,9 @@ from typing import Any
 
 from exact import Number, cos_mirror, mp, power
 
+CHECKED_BY = "test_strauss.py"
+"""Where the albedo is held against something independent."""
+
 CASES: list[dict[str, Any]] = [
     {"smoothness": 0.95, "metalness": 1.0, "color": 0.4},
     {"smoothness": 0.3, "metalness": 0.6, "transparency": 0.5, "color": 0.2},

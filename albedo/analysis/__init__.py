@@ -1,0 +1,1 @@
+"""What albedos say about a model: one file, one question."""

@@ -1,0 +1,71 @@
+"""The Fresnel factor of a model: its choice, the parameters of each choice, and what it packs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from albedo.brdf import Choice, Model, Real
+from albedo.errors import InputError
+from albedo.fresnel import CODES, coefficients
+from albedo.metals import METALS, SOURCES, refractive_index
+
+# Schlick's form, Lazanyi's error term, and the indices of the metals.
+SOURCES_OF_FACTORS = ("schlick1994", "lazanyi2005", "glassner1995", "johnson1972", "rakic1995")
+
+
+class FresnelChoice(Model):
+    """A model with a Fresnel factor F; a base class, with no name of its own.
+
+    ``schlick`` takes F0 as it is given, or that of the index. ``lazanyi`` is Schlick's form with
+    its error term, fitted to the index unless a and alpha are given. A metal is the exact
+    ``conductor`` with its index at a wavelength. A model that has a wavelength of its own declares
+    that parameter again, and lists it in `used`.
+
+    `pack` puts the four numbers of `pack_fresnel` where its kernel hands them to
+    `albedo.fresnel.fresnel`.
+    """
+
+    fresnel = Choice("white", "Fresnel factor F", choices=(*CODES, *METALS))
+    f0 = Real(None, "schlick: reflectance at normal incidence, if not from ior and k", high=1.0)
+    ior = Real(1.5, "relative index of refraction n of n - ik", low=1e-3, high=100.0)
+    k = Real(0.0, "extinction coefficient k of n - ik", low=0.0, high=100.0)
+    a = Real(None, "lazanyi: factor of the error term, if not fitted", low=-100.0, high=100.0)
+    alpha = Real(None, "lazanyi: exponent of the error term", low=1.0, high=100.0)
+    wavelength = Real(0.55, "wavelength of the light, for metals", "um", low=1e-2, high=1e3)
+    source = Choice("glassner", "metals: data for the index", choices=SOURCES)
+
+    def __init__(self, /, **values: Any) -> None:
+        super().__init__(**values)
+        try:
+            self.pack_fresnel()
+        except InputError as error:
+            raise InputError(f"{self.name}: {error}") from None
+
+    def used(self, values: Mapping[str, Any]) -> tuple[str, ...]:
+        """Everything but the parameters of other Fresnel factors."""
+        kind = values["fresnel"]
+        index = {"dielectric": ("ior",), "conductor": ("ior", "k")}.get(kind, ())
+        if kind == "schlick":
+            index = ("f0",) if values["f0"] is not None else ("f0", "ior", "k")
+        elif kind == "lazanyi":
+            index = ("ior", "k", "a", "alpha")
+        elif kind in METALS:
+            index = ("wavelength", "source")
+        others = FresnelChoice._declared.keys() - {"fresnel", *index}
+        return tuple(name for name in values if name not in others)
+
+    def pack_fresnel(self) -> tuple[int, float, float, float]:
+        """The code of the factor and its three numbers."""
+        p = self.parameters
+        if self.fresnel in METALS:
+            n, k = refractive_index(self.fresnel, p["wavelength"], p["source"])
+            return coefficients("conductor", n=float(n), k=float(k))
+        return coefficients(
+            self.fresnel,
+            f0=p.get("f0"),
+            n=p.get("ior", 1.5),
+            k=p.get("k", 0.0),
+            a=p.get("a"),
+            alpha=p.get("alpha"),
+        )
