@@ -42,6 +42,8 @@ def dielectric(n, u):
 @kernel
 def dielectric_transmittance(n, u):
     """1 - F of the exact equations for a real relative index n >= 1, without cancellation."""
+    if u <= 0.0:
+        return 0.0
     g = math.sqrt((n - 1.0) * (n + 1.0) + u * u)
     across = u + g
     along = n * n * u + g

@@ -29,6 +29,14 @@ def test_what_is_transmitted_is_not_reflected(n: float) -> None:
         assert abs(dielectric_transmittance(n, u) + dielectric(n, u) - 1.0) <= 32 * EPS
 
 
+def test_no_node_on_the_horizon_spoils_a_layer_that_does_not_refract() -> None:
+    """Without refraction F(0) is 0/0, and rounding puts nodes at n.v = 0."""
+    assert dielectric_transmittance(1.0, 0.0) == 0.0
+    model = albedo.model("granier_heidrich", ior=1.0, e0=0.0, e1=4.0)
+    found = albedo.directional_albedo(model, [1e-6, 1e-9, 1e-12])
+    assert np.all(found.converged)
+
+
 @pytest.mark.parametrize("n", [1.3, 1.5, 4.0])
 def test_diffuse_transmittance_is_that_of_duntley(n: float) -> None:
     """The integral of 2 u T(u), with the closed form of 1942."""

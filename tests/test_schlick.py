@@ -129,3 +129,12 @@ def test_a_white_first_layer_hides_the_second() -> None:
     assert model.isotropic
     found, same = (albedo.directional_albedo(m, 0.4) for m in (model, alone))
     assert found.value == same.value
+
+
+def test_shadowing_conserves_energy_from_some_roughness_on() -> None:
+    """The albedo is largest at grazing incidence, and G grows weak with the roughness."""
+    for r, conserves in ((0.169, False), (0.17, True)):
+        model = albedo.model("schlick", roughness=r)
+        assert model.conserves_energy is conserves
+        found = albedo.directional_albedo(model, [0.0, 1e-3, 0.1, 0.5, 1.0], rtol=1e-6)
+        assert np.all(found.value + found.error <= 1.0) == conserves

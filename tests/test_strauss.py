@@ -57,6 +57,14 @@ def test_where_it_reflects_more_than_it_receives() -> None:
     assert rough.value - rough.error > 2.0
 
 
+def test_a_clear_surface_conserves_energy_from_some_smoothness_on() -> None:
+    for s, conserves in ((0.069, False), (0.07, True)):
+        model = albedo.model("strauss", smoothness=s, transparency=1.0)
+        assert model.conserves_energy is conserves
+        found = albedo.directional_albedo(model, 0.0, rtol=1e-6)
+        assert bool(found.value + found.error <= 1.0) is conserves
+
+
 @pytest.mark.parametrize("r_n", [0.7, 0.9, 0.999])
 @pytest.mark.parametrize("cos_theta", [0.3, 0.1, 0.03, 1e-2])
 def test_the_cap_is_where_the_chart_is_told(r_n: float, cos_theta: float) -> None:

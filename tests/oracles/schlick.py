@@ -15,6 +15,8 @@ CASES: list[dict[str, Any]] = [
     {"roughness": 0.3, "isotropy": 0.01, "color": 0.3},
     {"roughness": 0.04, "isotropy": 0.05, "azimuth": "normalised", "form": "plain"},
     {"roughness": 0.2, "isotropy": 0.1, "form": "residual", "residual_azimuth": "turned"},
+    {"roughness": 0.17},
+    {"roughness": 1.0, "form": "final", "color": 0.5},
     {"isotropy": 0.8, "form": "residual", "residual_azimuth": "turned"},
     {"isotropy": 0.8, "form": "final", "residual_azimuth": "turned"},
     {"roughness": 0.7, "isotropy": 0.5, "form": "final", "color": 0.5},

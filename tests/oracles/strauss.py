@@ -15,6 +15,7 @@ CASES: list[dict[str, Any]] = [
     {"smoothness": 0.3, "metalness": 0.6, "transparency": 0.5, "color": 0.2},
     {"smoothness": 0.0, "reading": "literal"},
     {"smoothness": 0.0, "transparency": 1.0},
+    {"smoothness": 0.07, "transparency": 1.0},
 ]
 """Sets of parameters that matter together."""
 
