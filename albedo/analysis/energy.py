@@ -281,7 +281,7 @@ def _curves(found: EnergyMap, name: str) -> Figure:
         _scale_values(axes, found.frame)
         axes.set_xlabel(_label(found, name))
         axes.set_ylabel("directional albedo")
-        _head(axes, found)
+        axes.set_title(_title(found), loc="left")
         add_legend(figure, axes)
     return figure
 
@@ -305,14 +305,14 @@ def _label(found: EnergyMap, name: str) -> str:
     return f"{name}{unit}: {info.doc}"
 
 
-def _head(axes: Any, found: EnergyMap) -> None:
+def _title(found: EnergyMap) -> str:
     """What is kept fixed, and that the top of a curve may not be its top."""
     from albedo.grammar import format_spec
 
     title = format_spec(found.spec.name, found.spec.fixed)
     if found.frame["diverges"].any():
         title += f"   (down to cos θ = {GRAZING:g}; the albedo grows without limit)"
-    axes.set_title(title, loc="left")
+    return title
 
 
 def _fields(found: EnergyMap, first: str, second: str) -> Figure:
@@ -324,7 +324,8 @@ def _fields(found: EnergyMap, first: str, second: str) -> Figure:
     if "channel" in frame:
         frame = frame[frame["channel"] == 0]
     with style():
-        figure, panels = new_figure(2, width=8.6, height=3.9)
+        figure, panels = new_figure(2, width=8.6, height=4.1)
+        figure.suptitle(_title(found), x=0.01, ha="left", fontsize=10.5)
         for axes, column, what in zip(
             panels, ("max_albedo", "min_albedo"), ("largest", "smallest"), strict=True
         ):
