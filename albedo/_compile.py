@@ -99,18 +99,23 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 @contextmanager
-def second_compiler() -> Iterator[None]:
+def second_compiler(*models: str) -> Iterator[None]:
     """On an empty cache, let a second process compile the integrator while this one goes on.
 
     numba compiles one function at a time in a process, and a first call waits for nothing else.
     The work that this process finds done on disk it need not do; if there is none, nothing changes.
+
+    Parameters
+    ----------
+    *models : str
+        Models about to be integrated, as on the command line: the nodes of their charts come first.
     """
     if (cache_root() / digest(PACKAGE)).exists():
         yield
         return
-    code = "from albedo.integrators.adaptive import compile_kernels; compile_kernels()"
+    code = "import sys; from albedo.quadrature import compile_ahead; compile_ahead(sys.argv[1:])"
     quiet: dict[str, Any] = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
-    with subprocess.Popen([sys.executable, "-c", code], **quiet) as helper:
+    with subprocess.Popen([sys.executable, "-c", code, *models], **quiet) as helper:
         try:
             yield
         finally:

@@ -294,7 +294,7 @@ def evaluate(
         cosines, angles = _incidence(cos, theta, default="0,15,30,45,60,75,85,89")
         azimuths = _azimuths(phi)
     rows: list[dict[str, Any]] = []
-    with _warnings_as_lines(), _compiling(), _progress("evaluating", spec.count) as advance:
+    with _warnings_as_lines(), _compiling(spec), _progress("evaluating", spec.count) as advance:
         for done, (label, built) in enumerate(_labelled(spec), 1):
             for channel, kind in enumerate(built.by_channel()):
                 number = None if kind is built else channel
@@ -459,7 +459,7 @@ def table(
     # The first combination stands for the parameters that are swept; all of them get checked.
     first = next(spec.assignments())
     base = ModelSpec(spec.name, {**spec.fixed, **first}).model()
-    with _warnings_as_lines(), _compiling(), _progress("computing the table", None) as advance:
+    with _warnings_as_lines(), _compiling(spec), _progress("computing the table", None) as advance:
         dataset = albedo.table(
             base,
             cos_theta=cosines,
@@ -531,7 +531,7 @@ def plot(
     )
     azimuth = _radians(_azimuths(repr(phi))[0])
     total = sum(spec.count for spec in specs)
-    with _warnings_as_lines(), _compiling(), _progress("computing curves", total) as advance:
+    with _warnings_as_lines(), _compiling(*specs), _progress("computing curves", total) as advance:
         curves = plotting.measure(specs, cosines, phi=azimuth, rtol=rtol, progress=advance)
     figure = plotting.draw(curves, grazing=grazing, phi=azimuth or None)
     plotting.save_figure(figure, output)
@@ -567,7 +567,7 @@ def energy(
     check_output(output, SUFFIXES)
     spec = domain(model)
     drawn_over(spec)
-    with _warnings_as_lines(), _compiling(), _progress("mapping", spec.count) as advance:
+    with _warnings_as_lines(), _compiling(spec), _progress("mapping", spec.count) as advance:
         found = energy_map(spec, rtol, progress=advance)
     numbers = save_csv(found.frame, output.with_suffix(".csv"))
     typer.echo(f"{numbers}: {len(found.frame)} sets of parameters of {spec}")
@@ -747,11 +747,11 @@ def _warnings_as_lines() -> Iterator[None]:
 
 
 @contextmanager
-def _compiling() -> Iterator[None]:
+def _compiling(*models: ModelSpec) -> Iterator[None]:
     """Share what a first call has to compile between two processes."""
     from albedo._compile import second_compiler
 
-    with second_compiler():
+    with second_compiler(*map(str, models)):
         yield
 
 

@@ -14,7 +14,7 @@ from albedo.brdf import Model, Part
 from albedo.directions import real_array
 from albedo.errors import ConvergenceWarning, DivergenceError, InputError
 from albedo.estimate import Estimate
-from albedo.integrators.adaptive import Result, integrate
+from albedo.integrators.adaptive import Result, compile_kernels, integrate
 
 DEFAULT_LIMIT = 400_000
 """Evaluations per value before the quadrature gives up and says so."""
@@ -339,3 +339,17 @@ def _part(
 
     chart = part.loss_chart if loss else part.chart
     return integrate(chart, integrand, cos_theta, phi, widths, isotropic, **options)
+
+
+def compile_ahead(lines: Sequence[str]) -> None:
+    """Compile what integrating models takes beside their panels and their own formulas.
+
+    Parameters
+    ----------
+    lines : sequence of str
+        Models as on the command line; the first of a sweep stands for all.
+    """
+    from albedo.grammar import parse
+
+    models = [next(parse(line).models()) for line in lines]
+    compile_kernels(dict.fromkeys(part.chart for model in models for part in model.parts()))

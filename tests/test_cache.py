@@ -11,6 +11,7 @@ from pathlib import Path
 import albedo
 
 PACKAGE = Path(albedo.__file__).parent
+HERE = PACKAGE.parent
 PRINT_VALUE = (
     "import albedo; m = albedo.model('blinn', n=2.0); "
     "print(float(m.eval([0, 0, 1], [0.6, 0, 0.8])))"
@@ -71,15 +72,18 @@ def test_kernels_of_a_user_count_their_own_neighbours(tmp_path: Path) -> None:
     assert run(code, tmp_path, cache) == "16.0"
 
 
-def test_a_helper_process_compiles_what_every_integral_needs(tmp_path: Path) -> None:
-    code = "from albedo.integrators.adaptive import compile_kernels; compile_kernels()"
-    run(code, PACKAGE.parent, tmp_path)
-    made = {file for file in machine_code(tmp_path) if file.name.startswith("adaptive.")}
-    assert len(made) >= 3
+def test_a_helper_process_compiles_what_an_integral_needs_beside_its_panels(tmp_path: Path) -> None:
+    line = "ward:m=0.1"
+    run(f"from albedo.quadrature import compile_ahead; compile_ahead([{line!r}])", HERE, tmp_path)
+    before = machine_code(tmp_path)
     run(
-        "import albedo; albedo.directional_albedo(albedo.model('ward'), 0.5)",
-        *(PACKAGE.parent, tmp_path),
+        "import albedo; albedo.directional_albedo(albedo.model('ward', m=0.1), 0.5)", HERE, tmp_path
     )
-    every = {file for file in machine_code(tmp_path) if file.name.startswith("adaptive.")}
-    # Nothing of that room had to be compiled again.
-    assert every == made
+    after = machine_code(tmp_path)
+    shared = {
+        file for file in after if file.name.startswith(("adaptive.", "rules.", "polar._nodes"))
+    }
+    # Nothing of these had to be compiled again; the panels and the model's own kernel had.
+    assert len(shared) >= 6
+    assert shared <= before
+    assert {file.name.split("-")[0] for file in after - before} >= {"polar._panels", "ward.fill"}

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -554,8 +554,11 @@ def _probe(
     return shift
 
 
-def compile_kernels() -> None:
-    """Compile the kernels of this room, or find them on disk, by calling them with no cells."""
+def compile_kernels(charts: Iterable[Chart]) -> None:
+    """Compile the nodes of charts and the kernels of this room, by calling them with no cells.
+
+    The panels of a chart are left out: another process works on them meanwhile.
+    """
     none = np.empty(0, int)
     cells = _Cells.blank(none, np.empty((0, 6), int), np.empty((0, 6)), np.empty((0, 2), int))
     rule, values = gauss(8), np.empty((0, 64))
@@ -567,3 +570,6 @@ def compile_kernels() -> None:
     work = _Work(none, np.empty((0, 2), int), none)
     _choose(none, np.empty(0), cells.error, cells.size, cells.order, work.order, work.cut)
     _audit(cells, work.children(cells), work, np.ones(1))
+    # Last: by now the kernels that they share with the panels are on disk.
+    for chart in charts:
+        chart.nodes(np.empty((0, 1)), cells.code, cells.box, rule.nodes, rule.nodes)
