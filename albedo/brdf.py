@@ -228,6 +228,9 @@ class Part:
         First and last + 1 of the packed parameters that the kernels see; all of them by default.
     scale : float
         A factor of the values.
+    doubt : float or callable
+        Relative error of the values where numbers in them were computed with an error. A callable
+        is called with the cosines of light directions; with None it gives the worst of all.
     """
 
     name: str
@@ -238,6 +241,7 @@ class Part:
     loss_chart: Any = None
     columns: tuple[int, int | None] = (0, None)
     scale: float = 1.0
+    doubt: float | Callable[[np.ndarray | None], Any] = 0.0
 
     def packed(self, rows: np.ndarray) -> np.ndarray:
         """What the kernels of this part see of packed parameters (rows, k)."""

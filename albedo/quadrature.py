@@ -247,9 +247,19 @@ def _rows(
             widths = np.array([prepared[j][0][k].widths for j in members])[place]
             scale = np.array([prepared[j][0][k].scale for j in members])[place]
             share["atol"] = np.maximum(options["atol"], known[rows] / len(parts))
+            doubt = np.empty(rows.size)
+            for i, j in enumerate(members):
+                own, at = prepared[j][0][k].doubt, place == i
+                doubt[at] = own(None if swap else cos_theta[rows][at]) if callable(own) else own
+            # What the part's own numbers are worth is not spent a second time.
+            share["rtol"] = options["rtol"] - min(float(doubt.max()), 0.5 * options["rtol"])
             result = _part(
                 *(part, part.packed(p), scale, cos_theta[rows], phi[rows], widths, isotropic),
                 *(swap, loss, share),
+            )
+            result.error += doubt * np.abs(result.value)
+            result.converged &= result.error <= np.maximum(
+                share["atol"], options["rtol"] * np.abs(result.value)
             )
             value[rows] += result.value
             error[rows] += result.error

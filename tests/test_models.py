@@ -229,6 +229,8 @@ def test_compiled_kernels_equal_plain_python(model: Model) -> None:
         for kernel, chart in ((part.fill, part.chart), (part.loss, part.loss_chart)):
             if kernel is None:
                 continue
+            # A lobe that is divided by numbers keeps the kernel of the lobe.
+            kernel = getattr(kernel, "fill", kernel)
             geometry, row, code, box = chart.panels(
                 np.array([0.3]), np.array([0.7]), np.array([part.widths]), model.isotropic
             )
@@ -287,8 +289,8 @@ def test_compiled_charts_equal_plain_python(
         np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-13)
 
 
-# he_torrance's oracle sums a series at 40 digits for every one of seven calls.
-SAMPLES = {"he_torrance": 4}
+# he_torrance's oracle sums a series at 40 digits for every one of seven calls; lewis's integrates.
+SAMPLES = {"he_torrance": 4, "lewis": 4}
 
 
 @pytest.mark.parametrize("model", cases.EXTREME, ids=lambda m: m.spec)
@@ -299,6 +301,9 @@ def test_eval_agrees_with_its_oracle(model: Model, rng: np.random.Generator) -> 
     wi = spherical(cosines, rng.uniform(-math.pi, math.pi, count))
     anywhere = spherical(rng.uniform(0.01, 1.0, count), rng.uniform(-math.pi, math.pi, count))
     width = min(min(part.widths) for part in model.parts()) if model.parts() else 1.0
+    # Numbers in the values may have been computed with an error that the model states.
+    doubts = (part.doubt for part in model.parts())
+    doubt = max((float(d(None)) if callable(d) else d for d in doubts), default=0.0)
     nearby = (
         wi * np.array([-1.0, -1.0, 1.0]) + width * rng.normal(size=(count, 3)) * cosines[:, None]
     )
@@ -310,7 +315,7 @@ def test_eval_agrees_with_its_oracle(model: Model, rng: np.random.Generator) -> 
             value, slack = exact.brdf_with_slack(model, wi[k], wo[k])
             # What an ulp of the coordinates does, forty times over for the steps from them to the
             # slopes; some dozen roundings in exponents of about 40; and what underflows.
-            assert abs(values[k] - value) <= 40 * slack + 250 * EPS * value + 1e-290
+            assert abs(values[k] - value) <= 40 * slack + (250 * EPS + doubt) * value + 1e-290
 
 
 @everywhere

@@ -187,6 +187,9 @@ def integrate(
         if not active.any():
             break
         work = _plan(cells, 0.25 * target / doubt, active, n)
+        if work.parent.size == 0:
+            # Only rounding stands above what was asked for.
+            break
         reserve = 2 * leaves + 4
         cost = work.cost
         rank = np.lexsort((-cells.error.sum(1)[work.parent], cells.row[work.parent]))

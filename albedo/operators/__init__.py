@@ -1,0 +1,1 @@
+"""Operators make models from models; what they need of a model they compute with its bound."""

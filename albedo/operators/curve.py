@@ -1,0 +1,211 @@
+"""The albedo of an isotropic model as a function of the angle, with a bound on what it says.
+
+Chebyshev interpolants on pieces of y, which is cos_theta up to 45 degrees from grazing incidence
+and sqrt(2) - sin_theta beyond: models in angles depend on sin_theta, not on its square, at normal
+incidence. A piece is halved until the albedo at fresh points, between all nodes and at both ends,
+confirms it: halving towards 0 grades the pieces as finely as the albedo changes at grazing
+incidence. The bound holds what the fresh points showed, several times over, and the errors of the
+albedos themselves.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from albedo._compile import kernel
+from albedo.brdf import Model
+from albedo.quadrature import albedo_rows
+
+_ORDER = 16
+# Between its nodes, where the fresh points stand, an interpolant errs most; in between not by more.
+_TRUST = 8.0
+# What errors at the nodes may come to between them: the Lebesgue constant of 16 Chebyshev nodes.
+_LEBESGUE = 2.8
+# Pieces are halved at most so often: at grazing incidence, float64 has no use for more.
+_DEEPEST = 64
+# So many pieces tell nothing that fewer would not: their bounds are what they are.
+_MOST = 2048
+_EPS = np.finfo(np.float64).eps
+
+_NODES = chebyshev.chebpts1(_ORDER)
+_FRESH = chebyshev.chebpts2(_ORDER + 1)
+_CHECK = chebyshev.chebvander(_FRESH, _ORDER - 1)
+_MIDDLE = math.sqrt(0.5)
+
+
+@dataclass(frozen=True, eq=False)
+class AlbedoCurve:
+    """Directional albedo of an isotropic model over the incidences, piece by piece.
+
+    Attributes
+    ----------
+    edges : ndarray, shape (m + 1,)
+        Ends of the pieces in y, ascending.
+    coefficients : ndarray, shape (m, 16)
+        Chebyshev coefficients on every piece.
+    error : ndarray, shape (m,)
+        Bound on the error over each piece: relative, or absolute where the curve was made so.
+    evaluations : int
+        Of the model, to make the curve.
+    """
+
+    edges: np.ndarray
+    coefficients: np.ndarray
+    error: np.ndarray
+    evaluations: int
+
+    def __call__(self, cos_theta: np.ndarray) -> np.ndarray:
+        """The albedo at cosines of any shape."""
+        return self.at(_folded(cos_theta))
+
+    def at(self, y: np.ndarray) -> np.ndarray:
+        """The albedo at coordinates y of any shape."""
+        y = np.ascontiguousarray(y, dtype=np.float64)
+        out = np.empty(y.size)
+        _values(y.ravel(), self.edges, self.coefficients, out)
+        return out.reshape(y.shape)
+
+    def bound(self, cos_theta: np.ndarray | None = None) -> np.ndarray:
+        """Bound on the error at cosines; the worst of all where none are given."""
+        if cos_theta is None:
+            return self.error.max()
+        piece = np.searchsorted(self.edges, _folded(cos_theta), side="right") - 1
+        return self.error[np.clip(piece, 0, self.error.size - 1)]
+
+    def maximum(self) -> tuple[float, float]:
+        """The y where the curve is largest, and its value there."""
+        best = (0.0, -np.inf)
+        seen = (self.coefficients @ _CHECK.T).max(1)
+        for k in np.flatnonzero(seen >= 0.5 * seen.max()).tolist():
+            c = self.coefficients[k]
+            roots = chebyshev.chebroots(chebyshev.chebder(c))
+            inside = roots.real[(np.abs(roots.imag) < 1e-8) & (np.abs(roots.real) < 1.0)]
+            u = np.concatenate(([-1.0, 1.0], inside))
+            values = chebyshev.chebval(u, c)
+            i = int(np.argmax(values))
+            if values[i] > best[1]:
+                low, high = self.edges[k : k + 2]
+                best = (float(low + 0.5 * (u[i] + 1.0) * (high - low)), float(values[i]))
+        return best
+
+
+def _folded(cos_theta: np.ndarray) -> np.ndarray:
+    """The coordinate y of directions."""
+    c = np.asarray(cos_theta, dtype=np.float64)
+    return np.where(
+        c <= _MIDDLE, c, 2.0 * _MIDDLE - np.sqrt(np.maximum((1.0 - c) * (1.0 + c), 0.0))
+    )
+
+
+def _unfolded(y: np.ndarray) -> np.ndarray:
+    """The cosine of the angle of incidence at y."""
+    s = np.clip(2.0 * _MIDDLE - y, 0.0, 1.0)
+    return np.where(y <= _MIDDLE, y, np.sqrt((1.0 - s) * (1.0 + s)))
+
+
+@kernel
+def _values(x, edges, coefficients, out):
+    """Clenshaw's sum on the piece that holds each x."""
+    for i in range(x.size):
+        low, high = 0, edges.size - 1
+        while high - low > 1:
+            middle = (low + high) // 2
+            if edges[middle] <= x[i]:
+                low = middle
+            else:
+                high = middle
+        a, b = edges[low], edges[low + 1]
+        u = ((x[i] - a) - (b - x[i])) / (b - a)
+        last = before = 0.0
+        for k in range(coefficients.shape[1] - 1, 0, -1):
+            last, before = 2.0 * u * last - before + coefficients[low, k], last
+        out[i] = u * last - before + coefficients[low, 0]
+
+
+@lru_cache(maxsize=512)
+def albedo_curve(
+    model: Model,
+    rtol: float = 4e-13,
+    *,
+    atol: float | None = None,
+    first: float = 0.0,
+    last: float = 2.0 * _MIDDLE,
+) -> AlbedoCurve:
+    """Tabulate the directional albedo of an isotropic model, so finely that a bound holds.
+
+    Parameters
+    ----------
+    model : Model
+        Isotropic, with a finite albedo at grazing incidence.
+    rtol : float
+        The relative error asked for, everywhere.
+    atol : float, optional
+        The absolute error asked for instead.
+    first, last : float
+        Ends of the interval of y; all of it by default.
+
+    Returns
+    -------
+    AlbedoCurve
+        With the bounds that were reached, which are larger than asked for where the albedo itself
+        could not be had as precisely.
+    """
+    absolute = atol is not None
+    goal = rtol if atol is None else atol
+    inner = {"rtol": max(0.1 * rtol, 1e-13), "atol": 0.0}
+    if absolute:
+        inner = {"rtol": 0.0, "atol": 0.1 * goal}
+    pieces: list[tuple[float, float, np.ndarray, float]] = []
+    inside = [_MIDDLE] if first < _MIDDLE < last else []
+    active = list(itertools.pairwise([first, *inside, last]))
+    used = 0
+    for depth in range(_DEEPEST + 1):
+        ends = np.array(active)
+        low, size = ends[:, :1], np.diff(ends, axis=1)
+        y = low + 0.5 * (np.concatenate((_NODES, _FRESH)) + 1.0) * size
+        # Both ends as they are, where what was added and subtracted may not return.
+        y[:, _ORDER], y[:, -1] = ends[:, 0], ends[:, 1]
+        x = _unfolded(y)
+        # Cosines are rounded: near 1 they stand for another angle.
+        basis = chebyshev.chebvander(2.0 * (_folded(x) - low) / size - 1.0, _ORDER - 1)
+        found = albedo_rows(
+            [model] * x.size, x.ravel(), np.zeros(x.size), rtol=inner["rtol"], atol=inner["atol"]
+        )
+        used += int(found.evaluations.sum())
+        value, error = found.value.reshape(x.shape), found.error.reshape(x.shape)
+        unit = np.ones_like(value) if absolute else np.maximum(np.abs(value), 1e-300)
+        own = (error / unit).max(1)
+        coefficients = np.linalg.solve(basis[:, :_ORDER], value[:, :_ORDER, None])
+        missed = np.abs((basis @ coefficients)[:, :, 0] - value) / unit
+        seen = missed.max(1)
+        rounding = _ORDER * _EPS * (np.abs(value) / unit).max(1)
+        bound = _TRUST * seen + _LEBESGUE * own + rounding
+        # What is as small as the errors of the albedos does not fall by halving.
+        noise = (1.0 + _LEBESGUE) * own + rounding
+        done = (bound <= goal) | (seen <= noise)
+        if depth == _DEEPEST or len(pieces) + 2 * len(active) > _MOST:
+            done[:] = True
+        pieces += [
+            (*active[k], coefficients[k, :, 0], float(bound[k]))
+            for k in np.flatnonzero(done).tolist()
+        ]
+        halves: list[tuple[float, float]] = []
+        for k in np.flatnonzero(~done).tolist():
+            start, end = active[k]
+            halves += itertools.pairwise((start, 0.5 * (start + end), end))
+        active = halves
+        if not active:
+            break
+    pieces.sort(key=lambda piece: piece[0])
+    return AlbedoCurve(
+        np.array([piece[0] for piece in pieces] + [last]),
+        np.array([piece[2] for piece in pieces]),
+        np.array([piece[3] for piece in pieces]),
+        used,
+    )
