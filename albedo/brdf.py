@@ -429,6 +429,13 @@ class Model:
         """
         return np.empty((0, len(wi), 3)), np.empty((0, len(wi)))
 
+    def spike_errors(self, wi: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """Bounds on the errors of the weights of `spikes`, in their shape.
+
+        By default for a closed form of about a dozen roundings, one of them in an exponential.
+        """
+        return 64.0 * np.finfo(float).eps * np.abs(weights)
+
     def grazing_albedo(self) -> float | None:
         """The limit of the albedo at cos_theta = 0 where it is known in closed form."""
         return None

@@ -116,6 +116,13 @@ class Sum(Model):
         directions = np.concatenate([directions for _, directions, _ in found])
         return directions, np.concatenate([factor * weights for factor, _, weights in found])
 
+    def spike_errors(self, wi: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        errors = []
+        for factor, m in self.terms:
+            own = m.spikes(wi)[1]
+            errors.append(factor * m.spike_errors(wi, own))
+        return np.concatenate(errors)
+
     def grazing_albedo(self) -> float | None:
         known = [(factor, m.grazing_albedo()) for factor, m in self.terms]
         values = [factor * value for factor, value in known if value is not None]

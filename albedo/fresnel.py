@@ -85,7 +85,8 @@ def fresnel(code, a, b, c, u):
 
 
 @kernel
-def _fill(code, a, b, c, u, out):
+def fill_factors(code, a, b, c, u, out):
+    """Fill `out` with factors of one kind, for arrays of its numbers and of cosines."""
     for i in range(out.size):
         out[i] = fresnel(code, a[i], b[i], c[i], u[i])
 
@@ -343,7 +344,7 @@ def reflectance(
     numbers = [np.array([row[i] for row in rows]).reshape(shape) for i in (1, 2, 3)]
     *numbers, cosine = np.broadcast_arrays(*numbers, cosine)
     out = np.empty(cosine.size)
-    _fill(code, *(np.ascontiguousarray(v).ravel() for v in numbers), cosine.ravel(), out)
+    fill_factors(code, *(np.ascontiguousarray(v).ravel() for v in numbers), cosine.ravel(), out)
     return out.reshape(cosine.shape)
 
 

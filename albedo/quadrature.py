@@ -19,6 +19,9 @@ from albedo.integrators.adaptive import Result, compile_kernels, integrate
 DEFAULT_LIMIT = 400_000
 """Evaluations per value before the quadrature gives up and says so."""
 
+# Directions whose Dirac parts are held at once: a model may have thousands of them.
+_SPIKED = 64
+
 # A scan of the hemisphere needs as many before it can promise a resolved width of 1e-4 rad.
 _SCAN_LIMIT = 4_000_000_000
 
@@ -304,12 +307,13 @@ def _spikes(
     wi = np.stack((s * np.cos(phi), s * np.sin(phi), cos_theta), axis=-1)
     total, found = _zeros(which.size), False
     for k, model in enumerate(distinct):
-        rows = np.flatnonzero(which == k)
-        _, weights = model.spikes(wi[rows])
-        found = found or len(weights) > 0
-        total.value[rows] = weights.sum(0)
-    # A closed form of about a dozen roundings, one of them inside an exponential.
-    total.error[:] = 64.0 * np.finfo(float).eps * np.abs(total.value)
+        own = np.flatnonzero(which == k)
+        for first in range(0, own.size, _SPIKED):
+            rows = own[first : first + _SPIKED]
+            _, weights = model.spikes(wi[rows])
+            found = found or len(weights) > 0
+            total.value[rows] = weights.sum(0)
+            total.error[rows] = model.spike_errors(wi[rows], weights).sum(0)
     return total if found else None
 
 

@@ -6,10 +6,12 @@ import math
 
 import numpy as np
 import pytest
+from exact import Number, mp, oracle
 
 import albedo
 from albedo.catalogue.distribution_brdf import recover_distribution, solid_angle
 from albedo.directions import spherical
+from albedo.quadrature import albedo_rows
 
 EPS = np.finfo(float).eps
 
@@ -113,3 +115,66 @@ def test_what_cannot_be_recovered_is_refused() -> None:
         recover_distribution([1.0], [0.5], 0.0)
     with pytest.raises(albedo.InputError, match="needs one roughness"):
         build(alpha_x=0.1, alpha_y=0.2, normalization="solid_angle")
+
+
+def test_a_table_that_was_measured_gives_its_retro_reflection_back() -> None:
+    base = build(m=0.3, distribution="ggx", fresnel="schlick", f0=0.2)
+    angles = np.linspace(0.0, 1.45, 30)
+    up = spherical(np.cos(angles), 0.7)
+    measured = base.eval(up, up)
+    p = recover_distribution(measured, np.cos(angles), 0.2)
+    table = tuple(zip(angles.tolist(), p.tolist(), strict=True))
+    model = build(
+        distribution="tabulated", density=table, normalization="as_given", fresnel="schlick", f0=0.2
+    )
+    # At the knots a spline is its data; raw directions cost a few roundings of slopes up to 8.
+    np.testing.assert_allclose(model.eval(up, up), measured, rtol=1000 * EPS)
+    cosines = np.array([1.0, 0.8, 0.5, 0.2])
+    ours = albedo.directional_albedo(model, cosines, rtol=1e-6)
+    other = albedo.directional_albedo(base, cosines, rtol=1e-6)
+    # Knots 0.05 apart on a lobe of width 0.3: a fourth power of 1/6, over 384, times 24 and more.
+    np.testing.assert_allclose(ours.value, other.value, rtol=1e-3)
+
+
+@pytest.mark.parametrize("normalization", ["projected", "solid_angle", "as_given"])
+def test_a_table_at_normal_incidence_is_one_integral(normalization: str) -> None:
+    """n.l = 1 leaves f = p/4, and dV n.v = 4 c (2 c^2 - 1) dh with c = n.h."""
+    density = oracle("distribution_brdf").FALLING
+    table = oracle("distribution_brdf").tabulated
+    model = build(distribution="tabulated", density=density, normalization=normalization)
+    found = albedo.directional_albedo(model, 1.0, rtol=1e-9)
+
+    def height(a: Number) -> Number:
+        return table(density, a) * 2 * mp.pi * mp.sin(a) * mp.cos(a) * mp.cos(2 * a)
+
+    ends = sorted({mp.zero, mp.pi / 4} | {mp.mpf(a) for a, _ in density if a < math.pi / 4})
+    whole = oracle("distribution_brdf").tabulated_whole(density, normalization)
+    assert abs(float(found.value - mp.quad(height, ends) / whole)) <= found.error
+    assert found.converged
+
+
+def test_a_table_of_a_constant_is_a_distribution_of_roughness_one() -> None:
+    cosines = np.array([1.0, 0.4, 1e-3, 0.0])
+    flat = albedo.directional_albedo(build(distribution="tabulated"), cosines)
+    ggx = albedo.directional_albedo(build(distribution="ggx", m=1.0), cosines)
+    assert np.all(np.abs(flat.value - ggx.value) <= flat.error + ggx.error)
+
+
+def test_tables_of_several_lengths_go_into_one_batch() -> None:
+    tables = [((0.0, 2.0), (1.0, 0.1)), ((0.0, 2.0), (0.5, 0.7), (1.0, 0.1))]
+    models = [build(distribution="tabulated", density=table) for table in tables]
+    cosines = np.array([0.9, 0.9])
+    both = albedo_rows(models, cosines, np.zeros(2), rtol=1e-6, atol=0.0)
+    for k, model in enumerate(models):
+        one = albedo.directional_albedo(model, 0.9, rtol=1e-6)
+        assert abs(both.value[k] - one.value) <= both.error[k] + one.error
+
+
+def test_tables_that_are_none_are_refused() -> None:
+    for density in (((0.0, 1.0),), ((0.1, 1.0), (0.1, 2.0)), ((0.5, 1.0), (0.1, 2.0))):
+        with pytest.raises(albedo.InputError, match="at least two, in ascending order"):
+            build(distribution="tabulated", density=density)
+    with pytest.raises(albedo.InputError, match=r"density\[1\].p = 0 is out of range"):
+        build(distribution="tabulated", density=((0.0, 1.0), (1.0, 0.0)))
+    with pytest.raises(albedo.InputError, match="is for distribution = 'tabulated'"):
+        build(normalization="as_given")

@@ -195,6 +195,9 @@ def dependence(model: Model, cos_theta: float) -> float:
             above = wo[2] > 0.0
             scale = np.maximum(before, 1e-10 * before[above].max(initial=1e-290))[above]
             worst = max(worst, float(np.max(np.abs(after - before)[above] / scale)))
+    if not model.parts():
+        shares = model.spikes(spherical(np.full(4, cos_theta), [0.0, 0.3, 0.5 * math.pi, 2.0]))[1]
+        worst = float(np.ptp(shares.sum(0)) / max(shares.sum(0).max(), 1e-290))
     return worst
 
 

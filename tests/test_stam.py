@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
+from exact import mp, oracle
 
 import albedo
+from albedo.directions import spherical
 
 COSINES = np.array([1.0, 0.8, 0.5, 0.3])
 
@@ -58,3 +61,105 @@ def test_both_charts_agree() -> None:
     a, b = (albedo.directional_albedo(m, COSINES, 0.4) for m in (one, other))
     # The lengths differ by 1e-13, and no more than that the albedo.
     assert np.all(np.abs(a.value - b.value) <= a.error + b.error + 1e-12)
+
+
+GRATINGS = [
+    {"depth": 0.15},
+    {"depth": 2.0, "period": 8.3, "wavelength": 0.45},
+    {"depth": 0.1, "period": 0.2},
+    {"depth": 0.6, "fresnel": "dielectric", "period": 3.1},
+    {"profile": "lamellar", "duty": 0.3, "period": 5.1},
+    {"profile": "lamellar", "duty": 0.01, "period": 60.1, "depth": 0.125},
+    {"profile": "lamellar", "depth": 7.0, "fresnel": "gold", "duty": 0.9},
+]
+
+
+@pytest.mark.parametrize("p", GRATINGS, ids=str)
+def test_the_orders_of_a_grating(p: dict[str, Any]) -> None:
+    """Against the orders one by one at 30 digits, down to grazing incidence."""
+    model = albedo.model("stam_grating", **p)
+    cosines = np.array([1.0, 0.9, 0.43, 0.05, 1e-3, 1e-6])
+    for phi in (0.0, 0.7, 2.5):
+        found = albedo.directional_albedo(model, cosines, phi)
+        for i, c in enumerate(cosines):
+            c, turn = mp.mpf(float(c)), mp.mpf(phi)
+            s = mp.sqrt((1 - c) * (1 + c))
+            light = (s * mp.cos(turn), s * mp.sin(turn), c)
+            total = mp.fsum(oracle("stam_grating").orders(model.parameters, light).values())
+            assert abs(float(mp.mpf(float(found.value[i])) - total)) <= found.error[i]
+        assert np.all(found.error <= 1e-7 * found.value)
+        # Phases up to 400 radians are rounded to 1e-13, and a dozen such errors add up.
+        assert np.all(found.error[:3] <= 1e-11 * found.value[:3])
+
+
+@pytest.mark.parametrize("p", GRATINGS, ids=str)
+def test_orders_leave_where_the_grating_equation_sends_them(p: dict[str, Any]) -> None:
+    model = albedo.model("stam_grating", **p)
+    wi = spherical(np.array([0.7, 0.2]), np.array([0.3, -2.0]))
+    directions, weights = model.spikes(wi)
+    wavelength, period = model.wavelength, model.period
+    for k in np.argwhere(weights > 0.0).tolist():
+        v, light = directions[tuple(k)], wi[k[1]]
+        # A handful of roundings, over the sine of the elevation where it comes from a square.
+        assert abs(np.linalg.norm(v) - 1.0) <= 8 * np.finfo(float).eps / v[2]
+        assert v[1] == -light[1]
+        order = (v[0] + light[0]) * period / wavelength
+        assert abs(order - round(order)) <= 1e-12 * max(1.0, abs(order))
+    found = albedo.directional_albedo(model, [0.7, 0.2], [0.3, -2.0])
+    assert np.all(np.abs(weights.sum(0) - found.value) <= found.error)
+
+
+def test_gratings_are_symmetric_in_light_and_view() -> None:
+    """The share of an order is that of the light which comes back along it."""
+    model = albedo.model("stam_grating", depth=0.4, fresnel="dielectric")
+    wi = spherical(np.array([0.6]), np.array([0.4]))
+    directions, weights = model.spikes(wi)
+    for k in np.flatnonzero(weights[:, 0] > 1e-12).tolist():
+        back, shares = model.spikes(directions[k])
+        distance = np.linalg.norm(back[:, 0] - wi[0], axis=1)
+        nearest = int(np.argmin(distance))
+        assert distance[nearest] <= 1e-14
+        assert shares[nearest, 0] == pytest.approx(weights[k, 0], rel=1e-12)
+
+
+def test_a_flat_grating_is_a_mirror() -> None:
+    for profile in ("sinusoid", "lamellar"):
+        model = albedo.model("stam_grating", depth=0.0, profile=profile)
+        found = albedo.directional_albedo(model, COSINES, 0.3)
+        assert np.all(np.abs(found.value - 1.0) <= found.error)
+        assert found.error.max() <= 1e-13
+
+
+def test_a_long_shallow_relief_keeps_the_energy() -> None:
+    """Orders that stay close to the mirror direction: the sum of |c_n|^2 is 1."""
+    for profile in ("sinusoid", "lamellar"):
+        model = albedo.model("stam_grating", period=900.3, depth=0.3, profile=profile)
+        found = albedo.directional_albedo(model, [1.0, 0.7])
+        # Shares differ from |c_n|^2 by the square of lambda/d, and by what c_n leaves at high n.
+        assert np.all(np.abs(found.value - 1.0) <= 2e-3)
+
+
+def test_where_rounding_decides_whether_an_order_leaves_the_bound_is_infinite() -> None:
+    model = albedo.model("stam_grating", period=2.0)
+    with pytest.warns(albedo.ConvergenceWarning):
+        found = albedo.directional_albedo(model, 1.0)
+    assert np.isinf(found.error)
+    assert not found.converged
+    beside = albedo.directional_albedo(model.replace(period=2.0 + 1e-9), 1.0, rtol=1e-3)
+    # There the order carries a share that grows as the inverse of its cosine.
+    assert beside.value > found.value
+
+
+def test_a_grating_too_wide_or_too_deep_to_count_is_refused() -> None:
+    with pytest.raises(albedo.InputError, match=r"period = 2000 is out of range"):
+        albedo.model("stam_grating", period=2000.0)
+    with pytest.raises(albedo.InputError, match=r"depth = 500 is out of range"):
+        albedo.model("stam_grating", depth=500.0, wavelength=0.05)
+
+
+def test_a_grating_in_a_sum_keeps_its_errors() -> None:
+    grating, diffuse = albedo.model("stam_grating"), albedo.model("lambert", rho=0.5)
+    both = albedo.directional_albedo(0.5 * grating + diffuse, COSINES, 0.2)
+    one = albedo.directional_albedo(grating, COSINES, 0.2)
+    assert np.all(np.abs(both.value - 0.5 * one.value - 0.5) <= both.error + 0.5 * one.error)
+    assert np.all(both.error >= 0.5 * one.error)

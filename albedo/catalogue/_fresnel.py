@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from albedo.brdf import Choice, Model, Real
 from albedo.errors import InputError
-from albedo.fresnel import CODES, coefficients
+from albedo.fresnel import CODES, coefficients, fill_factors
 from albedo.metals import METALS, SOURCES, refractive_index
 
 # Schlick's form, Lazanyi's error term, and the indices of the metals.
@@ -54,6 +56,14 @@ class FresnelChoice(Model):
             index = ("wavelength", "source")
         others = FresnelChoice._declared.keys() - {"fresnel", *index}
         return tuple(name for name in values if name not in others)
+
+    def fresnel_factor(self, u: np.ndarray) -> np.ndarray:
+        """F at cosines u of any shape."""
+        out = np.empty(u.size)
+        code, *numbers = self.pack_fresnel()
+        columns = (np.full(u.size, number) for number in numbers)
+        fill_factors(code, *columns, np.ascontiguousarray(u).ravel(), out)
+        return out.reshape(u.shape)
 
     def pack_fresnel(self) -> tuple[int, float, float, float]:
         """The code of the factor and its three numbers."""
