@@ -10,7 +10,10 @@ import pytest
 from exact import mp, oracle
 
 import albedo
+from albedo.charts.orders import OrdersChart
 from albedo.directions import spherical
+from albedo.integrators.adaptive import integrate
+from albedo.quadrature import albedo_rows
 
 COSINES = np.array([1.0, 0.8, 0.5, 0.3])
 
@@ -163,3 +166,63 @@ def test_a_grating_in_a_sum_keeps_its_errors() -> None:
     one = albedo.directional_albedo(grating, COSINES, 0.2)
     assert np.all(np.abs(both.value - 0.5 * one.value - 0.5) <= both.error + 0.5 * one.error)
     assert np.all(both.error >= 0.5 * one.error)
+
+
+@pytest.mark.parametrize("phi", [0.0, 0.4, 0.5 * math.pi, 2.5])
+@pytest.mark.parametrize(("step", "sigma"), [(0.3, 1.0), (1.0, 1.0), (3.0, 1.0), (0.13, 0.2)])
+def test_the_chart_of_orders_covers_the_hemisphere(step: float, sigma: float, phi: float) -> None:
+    """The integral of n.v is pi where the Gaussians reach everywhere, down to grazing incidence."""
+    cosines = np.array([1.0, 0.7, 0.2, 0.01, 1e-5])
+    found = integrate(
+        OrdersChart(step, sigma),
+        lambda row, wi, wo, h: np.ones(wo.shape[1:]),
+        *(cosines, np.full(5, phi), np.full((5, 2), sigma), False),
+        rtol=1e-9,
+        atol=0.0,
+        limit=400_000,
+    )
+    assert np.all(np.abs(found.value - math.pi) <= found.error)
+    assert np.all(found.error <= 1e-8)
+
+
+@pytest.mark.parametrize("phi", [0.0, 1.0])
+def test_with_more_coherence_lobes_become_orders(phi: float) -> None:
+    """Even moments of a Gaussian: what is left falls as the square of the coherence."""
+    cosines = np.array([1.0, 0.7, 0.4])
+    for p in ({"depth": 0.4}, {"profile": "lamellar", "duty": 0.3, "fresnel": "dielectric"}):
+        grating = albedo.model("stam_grating", **p)
+        orders = albedo.directional_albedo(grating, cosines, phi).value
+        left = []
+        for length in (30.0, 300.0):
+            lobes = albedo.directional_albedo(grating.replace(coherence=length), cosines, phi)
+            left.append(lobes.value / orders - 1.0)
+        # By a hundred, but for the fourth moments and where a second derivative nearly vanishes.
+        assert np.all(np.abs(left[0]) <= 1e-3)
+        np.testing.assert_allclose(left[1], 0.01 * left[0], rtol=0.1, atol=2e-8)
+
+
+@pytest.mark.parametrize("cos_theta", [1.0, 0.6])
+def test_lobes_of_a_grating_by_another_chart(cos_theta: float) -> None:
+    """Against a product rule in the angles of V to the normal and about it."""
+    model = albedo.model("stam_grating", coherence=0.4, depth=0.3, fresnel="schlick", f0=0.3)
+    found = albedo.directional_albedo(model, cos_theta, 0.5, rtol=1e-9)
+    x, w = np.polynomial.legendre.leggauss(120)
+    theta, weight = 0.25 * math.pi * (x + 1.0), 0.25 * math.pi * w
+    phi = 2.0 * math.pi * np.arange(240) / 240
+    views = spherical(np.cos(theta)[:, None], phi)
+    values = model.eval(spherical(cos_theta, 0.5), views)
+    inner = values.mean(1) * 2.0 * math.pi
+    total = float(np.sum(inner * weight * np.sin(theta) * np.cos(theta)))
+    # 120 nodes and 240 azimuths on lobes of width 0.2: both converge faster than any power.
+    assert abs(float(found.value) - total) <= found.error + 1e-11
+
+
+def test_gratings_of_several_factors_go_into_one_batch() -> None:
+    models = [
+        albedo.model("stam_grating", coherence=2.0, fresnel=kind)
+        for kind in ("white", "dielectric", "gold")
+    ]
+    both = albedo_rows(models, np.full(3, 0.7), np.zeros(3), rtol=1e-6, atol=0.0)
+    for k, model in enumerate(models):
+        one = albedo.directional_albedo(model, 0.7, rtol=1e-6)
+        assert abs(both.value[k] - one.value) <= both.error[k] + one.error

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from exact import Number, fresnel_of, mp
+from exact import Number, dot, fresnel_of, mp
 
 CHECKED_BY = "test_stam.py"
 """Where the albedo is held against something independent."""
@@ -13,13 +13,30 @@ CHECKED_BY = "test_stam.py"
 CASES: list[dict[str, Any]] = [
     {"depth": 0.6, "fresnel": "dielectric"},
     {"profile": "lamellar", "duty": 0.3, "period": 5.0},
+    {"coherence": 3.0},
+    {"coherence": 0.3, "profile": "lamellar", "duty": 0.3, "fresnel": "dielectric"},
+    {"coherence": 200.0, "depth": 0.6, "period": 4.1},
 ]
 """Sets of parameters that matter together."""
 
 
 def brdf(p: Mapping[str, Any], light: Any, view: Any) -> Number:
-    """Dirac parts only."""
-    return mp.zero
+    """Lobes about the orders; Dirac parts have no value."""
+    if "coherence" not in p:
+        return mp.zero
+    wavelength = mp.mpf(p["wavelength"])
+    sigma = wavelength / (2 * mp.pi * mp.mpf(p["coherence"]))
+    step = wavelength / mp.mpf(p["period"])
+    u, v, w = (a + b for a, b in zip(light, view, strict=True))
+    phase = 2 * mp.pi / wavelength * mp.mpf(p["depth"]) * w
+    total, reach = mp.zero, int(14 * sigma / step) + 1
+    for n in range(int(u / step) - reach, int(u / step) + reach + 1):
+        height = mp.exp(-((u - n * step) ** 2 + v * v) / (2 * sigma**2))
+        total += abs(coefficient(p, n, phase)) ** 2 * height
+    l_dot_v = dot(light, view)
+    factor = fresnel_of(p, mp.sqrt((1 + l_dot_v) / 2))
+    scale = 2 * mp.pi * sigma**2 * w * w * light[2] * view[2]
+    return factor * (1 + l_dot_v) ** 2 * total / scale
 
 
 def coefficient(p: Mapping[str, Any], n: int, phase: Number) -> Number:
