@@ -84,9 +84,11 @@ def sheets(rtol: float = 1e-8) -> Iterator[Sheet]:
     Yields
     ------
     Sheet
-        The next table; the first of a model has the model's name, and one with azimuths says so.
+        The next table; the first of a model has the model's name, and one with azimuths says so
+        where the first has none.
     """
     for name, kind in models().items():
+        always = True
         for number, line in enumerate(kind.tables):
             spec = parse(f"{name}:{line}" if line else name)
             first = next(spec.assignments())
@@ -95,7 +97,10 @@ def sheets(rtol: float = 1e-8) -> Iterator[Sheet]:
             phi = np.linspace(0.0, 0.5 * np.pi, AZIMUTHS) if turned else 0.0
             sweep = {key: list(values) for key, values in spec.sweep.items()}
             plan = plan_table(model, _cosines(turned), phi, sweep, rtol)
-            ending = "_anisotropic" if turned and number else f"_{number + 1}" if number else ""
+            always = always and turned
+            # Only beside an isotropic table does it say something.
+            word = "_anisotropic" if turned and not always else f"_{number + 1}"
+            ending = word if number else ""
             yield Sheet(name + ending, spec, plan)
 
 

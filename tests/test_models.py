@@ -260,6 +260,7 @@ def test_compiled_kernels_equal_plain_python(model: Model) -> None:
     [
         CosineChart("max"),
         CosineChart("max", angle=True),
+        CosineChart(angle=True, layered=True),
         DarkChart(c_1=0.6, lobe=0.9, second=0.02),
         OrdersChart(0.3, 0.1),
         PolarChart("slope", "v_cavity", "gaussian", 2, 2),

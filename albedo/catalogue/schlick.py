@@ -210,7 +210,7 @@ class Schlick(Model):
     def parts(self) -> tuple[Part, ...]:
         parts = []
         fills = ((fill_specular, fill_diffuse), (fill_specular_2, fill_diffuse_2))
-        for k, (r, isotropy, color) in enumerate(self._layers):
+        for k, (r, isotropy, _) in enumerate(self._layers):
             a, b, residual, _ = weights(r, self.form)
             suffix = "" if k == 0 else "_2"
             # In the elliptic azimuth of this stretch A without its root is constant.
@@ -221,12 +221,11 @@ class Schlick(Model):
                 widths = (math.sqrt(r) * stretch, math.sqrt(r))
                 parts.append(Part("specular" + suffix, fills[k][0], chart, widths))
             if a > 0.0 or residual > 0.0:
-                broad_chart: Any = PolarChart("mirror_hemisphere", edge=2)
-                widths = (1.0, 1.0)
+                # 1 - G changes where n.v is r.
+                broad_chart: Any = CosineChart(angle=True, layered=True)
+                widths = (r, 1.0)
                 if self._turned and isotropy < 1.0:
                     broad_chart, widths = PolarChart("slope", edge=2), (stretch, 1.0)
-                elif k == 0 and color == 1.0 and r >= 0.01:
-                    broad_chart = CosineChart()  # neither Fresnel's factor nor a thin layer
                 parts.append(Part("diffuse" + suffix, fills[k][1], broad_chart, widths))
         return tuple(parts)
 

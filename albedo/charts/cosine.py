@@ -7,7 +7,8 @@ mu = n.l.
 Models in angles have a root at mu = 1, where the angle of V to the normal is sqrt(2 (1 - mu)). For
 them the coordinate is V's elevation t, mu = sin(t). Above the elevation t_l of L it is graded as
 t + t_l = 2 t_l exp(x): functions of n.l + n.v, which at grazing incidence change in a layer as
-thin as n.l, are smooth in x.
+thin as n.l, are smooth in x. A model may also have a layer of its own, of a thickness r, such as
+the factor 1/(r + (1 - r) n.v) makes: there t = r (exp(x) - 1).
 """
 
 from __future__ import annotations
@@ -34,11 +35,14 @@ class CosineChart:
         Whether the integrand has a kink where n.v = n.l.
     angle : bool
         Integrate over the elevation of V, graded above that of L where there is a kink.
+    layered : bool
+        With `angle`: the first width of a row is the thickness of a layer along the horizon.
     """
 
     kinks: str = "none"
     full: bool = False
     angle: bool = False
+    layered: bool = False
 
     def panels(
         self,
@@ -52,7 +56,8 @@ class CosineChart:
         """Panels of every row; see `albedo.charts.polar.PolarChart.panels`."""
         c = cos_theta
         s = np.sqrt((1 - c) * (1 + c))
-        geometry = np.column_stack((c, s, np.cos(phi), np.sin(phi), np.arctan2(c, s)))
+        thickness = widths[:, 0] if self.layered else np.arctan2(c, s)
+        geometry = np.column_stack((c, s, np.cos(phi), np.sin(phi), thickness))
         halves = 2 if isotropic else 4
         psi = np.linspace(0.0, 0.5 * np.pi * halves, halves + 1)
         row, code, box = [], [], []
@@ -67,6 +72,10 @@ class CosineChart:
     def _heights(self, mu: float, elevation: float, coarse: bool) -> list[tuple[float, float, int]]:
         """Ends of the panels from the horizon to the normal, and whether they are graded."""
         top = 0.5 * math.pi if self.angle else 1.0
+        if self.layered and not coarse:
+            end = math.log1p(top / elevation)
+            x = np.linspace(0.0, end, 1 + max(1, math.ceil(end / _FOLDS))).tolist()
+            return [(v0, v1, 2) for v0, v1 in itertools.pairwise(x)]
         if self.kinks != "max" or not 0 < mu < 1 or coarse:
             return [(0.0, top, 0)]
         if not self.angle:
@@ -107,9 +116,12 @@ def _nodes(geometry, code, box, u, v, angle, wi, wo, h, weight):
                 stretch = 1.0
                 if angle:
                     t = mu
-                    if code[k, 2] > 0:
+                    if code[k, 2] == 1:
                         stretch = 2.0 * geometry[k, 4] * math.exp(mu)
                         t = stretch - geometry[k, 4]
+                    elif code[k, 2] == 2:
+                        t = geometry[k, 4] * math.expm1(mu)
+                        stretch = geometry[k, 4] + t
                     mu, sin_v = math.sin(t), math.cos(t)
                     stretch *= sin_v
                 else:

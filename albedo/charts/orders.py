@@ -9,8 +9,8 @@ of squares that cancels:
 Near the horizon n.v is a root. There s measures the distance from the edge of the chord, s^2 =
 cos(b) - |x| with sin(b) = y, so that n.v = s sqrt(2 cos(b) - s^2); likewise r^2 = 1 - |y| where the
 chord itself ends. At grazing incidence lobes have a layer n.v ~ n.l, and both are stretched as
-n.l (e^t - 1). Each order has the strip of the plane that is nearer to it than to its neighbours; a
-panel ends where the end of its strip crosses the horizon.
+n.l (e^t - 1); elsewhere xi and eta are 3 sigma sinh(t). Each order has the strip of the plane that
+is nearer to it than to its neighbours; a panel ends where the end of its strip crosses the horizon.
 """
 
 from __future__ import annotations
@@ -30,6 +30,8 @@ REACH = 12.0
 _NEAR = 2.0
 # E-folds of a stretched coordinate in one panel.
 _FOLDS = 4.0
+# In widths, where the stretch of a Gaussian turns logarithmic: measured to need the fewest nodes.
+_CORE = 3.0
 _PLAIN, _UPPER, _LOWER = 0, 1, 2
 
 
@@ -68,7 +70,7 @@ class OrdersChart:
         """Panels of every row; see `albedo.charts.polar.PolarChart.panels`.
 
         The box of a panel also holds the ends of its strip: along y in its own coordinate, and
-        along x as distances from the order.
+        along x as distances from the order, or in theirs away from the horizon.
         """
         s = np.sqrt((1 - cos_theta) * (1 + cos_theta))
         lights = np.column_stack((s * np.cos(phi), s * np.sin(phi), cos_theta))
@@ -79,7 +81,7 @@ class OrdersChart:
                 code.append(kinds)
                 box.append(ends)
         return (
-            np.column_stack((lights, np.full((len(s), 1), self.step))),
+            np.column_stack((lights, np.tile((self.step, self.sigma), (len(s), 1)))),
             np.array(row, dtype=np.int64),
             np.array(code, dtype=np.int64).reshape(-1, 6),
             np.array(box, dtype=np.float64).reshape(-1, 8),
@@ -119,11 +121,11 @@ class OrdersChart:
                     mode = _UPPER
                 elif low + bottom <= near:
                     mode = _LOWER
-                along = _stretched(mode, start, end, top, bottom, lz)
+                along = self._stretched(mode, start, end, (top, bottom), lz)
                 chord = [
                     math.sqrt(max((1 + ly - e) * (1 - ly + e), 0.0)) for e in (start, middle, end)
                 ]
-                for across in _strip(x, half, chord):
+                for across in self._strip(x, half, chord):
                     u = _pieces(along.last - along.first if mode != _PLAIN else 0.0)
                     v = _pieces(_spread(across, x, chord[1], lz))
                     for (u0, u1), (v0, v1) in itertools.product(u, v):
@@ -142,6 +144,42 @@ class OrdersChart:
                                 ),
                             )
                         )
+        return found
+
+    def _stretched(
+        self, mode: int, start: float, end: float, edges: tuple[float, float], scale: float
+    ) -> _Side:
+        """A piece of eta in its own coordinate; `edges` are how far eta may go up and down."""
+        if mode == _PLAIN:
+            return _Side(
+                mode,
+                math.asinh(start / (_CORE * self.sigma)),
+                math.asinh(end / (_CORE * self.sigma)),
+            )
+        top, bottom = edges
+        far = (top - start, top - end) if mode == _UPPER else (start + bottom, end + bottom)
+        return _Side(mode, *(math.log1p(math.sqrt(max(d, 0.0)) / scale) for d in far))
+
+    def _strip(self, x: float, half: float, chord: list[float]) -> list[_Side]:
+        """Pieces of xi above the horizon, over a piece of eta, and how they are measured."""
+        if x - half >= chord[1] or x + half <= -chord[1]:
+            return []
+        # A chord is longer inside than at the ends.
+        least = min(chord[0], chord[2])
+        right = least - (x + half) <= 2.0 * _NEAR * half
+        left = least + (x - half) <= 2.0 * _NEAR * half
+        cuts = [-half, 0.0, half]
+        if right and left and -half < -x < half and x != 0.0:
+            cuts = sorted([*cuts, -x])
+        found = []
+        for first, last in itertools.pairwise(cuts):
+            if right or left:
+                beyond = x + 0.5 * (first + last) > 0.0
+                mode = _UPPER if right and (not left or beyond) else _LOWER
+                found.append(_Side(mode, first, last))
+            else:
+                ends = (math.asinh(end / (_CORE * self.sigma)) for end in (first, last))
+                found.append(_Side(_PLAIN, *ends))
         return found
 
     def nodes(
@@ -163,35 +201,6 @@ class OrdersChart:
 def _to_edge(along: float, across: float, up: float) -> float:
     """1 + along, for a unit vector."""
     return 1.0 + along if along > -0.5 else (across * across + up * up) / (1.0 - along)
-
-
-def _stretched(
-    mode: int, start: float, end: float, top: float, bottom: float, scale: float
-) -> _Side:
-    """A piece of eta in its own coordinate."""
-    if mode == _PLAIN:
-        return _Side(mode, start, end)
-    far = (top - start, top - end) if mode == _UPPER else (start + bottom, end + bottom)
-    return _Side(mode, *(math.log1p(math.sqrt(max(d, 0.0)) / scale) for d in far))
-
-
-def _strip(x: float, half: float, chord: list[float]) -> list[_Side]:
-    """Pieces of xi that are above the horizon over a piece of eta, and how they are measured."""
-    if x - half >= chord[1] or x + half <= -chord[1]:
-        return []
-    # A chord is longer inside than at the ends.
-    least = min(chord[0], chord[2])
-    right = least - (x + half) <= 2.0 * _NEAR * half
-    left = least + (x - half) <= 2.0 * _NEAR * half
-    cuts = [-half, 0.0, half]
-    if right and left and -half < -x < half and x != 0.0:
-        cuts = sorted([*cuts, -x])
-    found = []
-    for first, last in itertools.pairwise(cuts):
-        middle = x + 0.5 * (first + last)
-        mode = _UPPER if right and (not left or middle > 0.0) else _LOWER if left else _PLAIN
-        found.append(_Side(mode, first, last))
-    return found
 
 
 def _spread(across: _Side, x: float, chord: float, scale: float) -> float:
@@ -225,7 +234,7 @@ def _clustered(t, power):
 def _nodes(geometry, code, box, u, v, wi, wo, h, weight):
     """Directions, sums and Jacobians; one row per panel."""
     for k in range(box.shape[0]):
-        lx, ly, lz, step = geometry[k]
+        lx, ly, lz, step, sigma = geometry[k]
         wi[0, k], wi[1, k], wi[2, k] = lx, ly, lz
         y_mode, x_mode, order, power = code[k, 0], code[k, 2], code[k, 4], code[k, 5]
         u0, u1, v0, v1, y_first, y_last, x_first, x_last = box[k]
@@ -241,7 +250,8 @@ def _nodes(geometry, code, box, u, v, wi, wo, h, weight):
             place = y_first + (y_last - y_first) * t
             dy = abs(y_last - y_first) * dt * (u1 - u0)
             if y_mode == 0:
-                eta = place
+                eta = _CORE * sigma * math.sinh(place)
+                dy *= _CORE * sigma * math.cosh(place)
                 chord = math.sqrt(max(chord0 * chord0 + eta * (2.0 * ly - eta), 0.0))
             else:
                 e = math.exp(place)
@@ -270,7 +280,8 @@ def _nodes(geometry, code, box, u, v, wi, wo, h, weight):
                 place = first + (last - first) * (v0 + (v1 - v0) * v[iv])
                 dx = (last - first) * (v1 - v0)
                 if x_mode == 0:
-                    xi = place
+                    xi = _CORE * sigma * math.sinh(place)
+                    dx *= _CORE * sigma * math.cosh(place)
                     nv = math.sqrt(max(level + moved - xi * (2.0 * x + xi), 0.0))
                     vx = x + xi
                 else:
