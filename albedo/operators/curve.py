@@ -158,12 +158,13 @@ def albedo_curve(
     """
     absolute = atol is not None
     goal = rtol if atol is None else atol
-    inner = {"rtol": max(0.1 * rtol, 1e-13), "atol": 0.0}
+    inner = {"rtol": max(0.1 * rtol, 4e-14), "atol": 0.0}
     if absolute:
         inner = {"rtol": 0.0, "atol": 0.1 * goal}
     pieces: list[tuple[float, float, np.ndarray, float]] = []
     inside = [_MIDDLE] if first < _MIDDLE < last else []
     active = list(itertools.pairwise([first, *inside, last]))
+    seen_before = np.full(len(active), np.inf)
     used = 0
     for depth in range(_DEEPEST + 1):
         ends = np.array(active)
@@ -186,9 +187,10 @@ def albedo_curve(
         seen = missed.max(1)
         rounding = _ORDER * _EPS * (np.abs(value) / unit).max(1)
         bound = _TRUST * seen + _LEBESGUE * own + rounding
-        # What is as small as the errors of the albedos does not fall by halving.
+        # What may be due to the errors of the albedos, and did not fall by halving, will not fall.
         noise = (1.0 + _LEBESGUE) * own + rounding
-        done = (bound <= goal) | (seen <= noise)
+        stuck = (seen <= own) | ((seen <= noise) & (seen > 0.1 * seen_before))
+        done = (bound <= goal) | stuck
         if depth == _DEEPEST or len(pieces) + 2 * len(active) > _MOST:
             done[:] = True
         pieces += [
@@ -200,6 +202,7 @@ def albedo_curve(
             start, end = active[k]
             halves += itertools.pairwise((start, 0.5 * (start + end), end))
         active = halves
+        seen_before = np.repeat(seen[~done], 2)
         if not active:
             break
     pieces.sort(key=lambda piece: piece[0])
