@@ -22,6 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from albedo._compile import kernel
+from albedo.charts._arrays import blank
 
 # A lobe is cut where it is below exp(-42.25) = 4.5e-19 of the largest that is above the horizon.
 _REACH = 42.25
@@ -96,11 +97,9 @@ class AxisChart:
         v: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Directions and Jacobians; see `albedo.charts.polar.PolarChart.nodes`."""
-        m, count = box.shape[0], u.size * v.size
-        wi, wo, h = np.empty((3, m)), np.empty((3, m, count)), np.empty((3, m, count))
-        weight = np.empty((m, count))
-        _nodes(geometry, code, box, u, v, self.edge, wi, wo, h, weight)
-        return wi, wo, h, weight
+        arrays = blank(box.shape[0], u.size * v.size)
+        _nodes(geometry, code, box, u, v, self.edge, *arrays)
+        return arrays
 
 
 @kernel

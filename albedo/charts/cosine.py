@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from albedo._compile import kernel
+from albedo.charts._arrays import blank
 
 # A rule of a dozen nodes sees this many e-folds of a graded panel to all digits.
 _FOLDS = 7.0
@@ -93,11 +94,9 @@ class CosineChart:
         v: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Directions and Jacobians; see `albedo.charts.polar.PolarChart.nodes`."""
-        m, count = box.shape[0], u.size * v.size
-        wi, wo, h = np.empty((3, m)), np.empty((3, m, count)), np.empty((3, m, count))
-        weight = np.empty((m, count))
-        _nodes(geometry, code, box, u, v, self.angle, wi, wo, h, weight)
-        return wi, wo, h, weight
+        arrays = blank(box.shape[0], u.size * v.size)
+        _nodes(geometry, code, box, u, v, self.angle, *arrays)
+        return arrays
 
 
 @kernel

@@ -39,6 +39,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from albedo._compile import kernel
+from albedo.charts._arrays import blank
 
 # A corner that the stretching leaves round at this distance holds its cube of the energy.
 _FINEST = 1e-5
@@ -116,11 +117,9 @@ class GrooveChart:
         v: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Directions and Jacobians; see `albedo.charts.polar.PolarChart.nodes`."""
-        m, count = box.shape[0], u.size * v.size
-        wi, wo, h = np.empty((3, m)), np.empty((3, m, count)), np.empty((3, m, count))
-        weight = np.empty((m, count))
-        _nodes(geometry, code, box, u, v, self.lobe, _FINEST, wi, wo, h, weight)
-        return wi, wo, h, weight
+        arrays = blank(box.shape[0], u.size * v.size)
+        _nodes(geometry, code, box, u, v, self.lobe, _FINEST, *arrays)
+        return arrays
 
 
 def _strips(

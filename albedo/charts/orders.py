@@ -23,6 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from albedo._compile import kernel
+from albedo.charts._arrays import blank
 
 # A Gaussian is cut at this many widths: at 5e-32 of its peak.
 REACH = 12.0
@@ -191,11 +192,9 @@ class OrdersChart:
         v: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Directions and Jacobians; see `albedo.charts.polar.PolarChart.nodes`."""
-        m, count = box.shape[0], u.size * v.size
-        wi, wo, h = np.empty((3, m)), np.empty((3, m, count)), np.empty((3, m, count))
-        weight = np.empty((m, count))
-        _nodes(geometry, code, box, u, v, wi, wo, h, weight)
-        return wi, wo, h, weight
+        arrays = blank(box.shape[0], u.size * v.size)
+        _nodes(geometry, code, box, u, v, *arrays)
+        return arrays
 
 
 def _to_edge(along: float, across: float, up: float) -> float:

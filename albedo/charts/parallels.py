@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from albedo._compile import kernel
+from albedo.charts._arrays import blank
 
 # A cosine power is cut where it is exp(-42.25) = 4.5e-19 of its peak; in widths, the angle to R.
 _REACH = math.sqrt(8.0 * 42.25)
@@ -96,11 +97,9 @@ class ParallelsChart:
         v: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Directions and Jacobians; see `albedo.charts.polar.PolarChart.nodes`."""
-        m, count = box.shape[0], u.size * v.size
-        wi, wo, h = np.empty((3, m)), np.empty((3, m, count)), np.empty((3, m, count))
-        weight = np.empty((m, count))
-        _nodes(geometry, code, box, u, v, wi, wo, h, weight)
-        return wi, wo, h, weight
+        arrays = blank(box.shape[0], u.size * v.size)
+        _nodes(geometry, code, box, u, v, *arrays)
+        return arrays
 
 
 def _turn(reach: float, cosines: float) -> float:

@@ -36,6 +36,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from albedo._compile import kernel
+from albedo.charts._arrays import blank
 
 KINDS = {
     "slope": 0,
@@ -192,16 +193,14 @@ class PolarChart:
         weight : ndarray, shape (m, p * q)
             n.v dV / (du dv); dV / (du dv) when the chart is `full`.
         """
-        m, count = box.shape[0], u.size * v.size
-        wi, wo, h = np.empty((3, m)), np.empty((3, m, count)), np.empty((3, m, count))
-        weight = np.empty((m, count))
+        arrays = blank(box.shape[0], u.size * v.size)
         kind, kinks, decay, full = self._structure
         powers = self.edge, self.origin
         _nodes(
             *(geometry, code, box, u, v, kind, kinks, decay, full),
-            *(*powers, wi, wo, h, weight),
+            *(*powers, *arrays),
         )
-        return wi, wo, h, weight
+        return arrays
 
 
 @kernel
