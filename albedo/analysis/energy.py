@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 GRAZING = 1e-9
 """The smallest cosine of the angle of incidence that a map looks at."""
 
+# Colours stand for albedos down to this share of the largest.
+_FAINT = 1e-12
+
 AZIMUTHS = 5
 """Azimuths from 0 to 90 degrees, for anisotropic models."""
 
@@ -333,13 +336,17 @@ def _fields(found: EnergyMap, first: str, second: str) -> Figure:
             x, y, z = field.columns.to_numpy(), field.index.to_numpy(), field.to_numpy()
             low, top = float(np.nanmin(z)), max(float(np.nanmax(z)), 1.0 + 1e-3)
             if column == "max_albedo":
-                end = min(top, 3.0)
-                norm: Any = TwoSlopeNorm(1.0, min(low, 0.999), end)
-                ticks = [*np.linspace(min(low, 0.999), 1.0, 4)[:-1], 1.0]
-                ticks += [*np.linspace(1.0, end, 4)[1:]]
+                start, end = min(low, 0.999), min(top, 3.0)
+                norm: Any = TwoSlopeNorm(1.0, start, end)
+                # A side that is hardly there is labelled at its end only.
+                below, above = (4 if size > 0.01 else 2 for size in (1.0 - start, end - 1.0))
+                ticks = [*np.linspace(start, 1.0, below), *np.linspace(1.0, end, above)[1:]]
+                beyond = "max" if top > end else "neither"
             else:
-                norm = (LogNorm if low > 0.0 and top > 50.0 * low else Normalize)(low, top)
-                ticks = None
+                wide = low > 0.0 and top > 50.0 * low
+                floor = max(low, _FAINT * top) if wide else low
+                norm = (LogNorm if wide else Normalize)(floor, top)
+                ticks, beyond = None, "min" if low < floor else "neither"
             look = "PuOr_r" if column == "max_albedo" else "cividis"
             image = axes.pcolormesh(x, y, z, norm=norm, cmap=look, shading="nearest")
             over = (frame["exceeds_one"] == "yes").to_numpy()
@@ -353,10 +360,9 @@ def _fields(found: EnergyMap, first: str, second: str) -> Figure:
             axes.grid(False)
             axes.set_xlabel(_label(found, first))
             axes.set_ylabel(_label(found, second))
-            beyond = column == "max_albedo" and top > 3.0
-            bar = figure.colorbar(image, ax=axes, pad=0.02, extend="max" if beyond else "neither")
+            bar = figure.colorbar(image, ax=axes, pad=0.02, extend=beyond)
             if ticks is not None:
-                bar.set_ticks(ticks, labels=[f"{tick:.3g}" for tick in ticks])
+                bar.set_ticks(ticks, labels=[f"{tick:.4g}" for tick in ticks])
             bar.set_label(f"{what} directional albedo")
             bar.outline.set_visible(False)
     return figure

@@ -20,7 +20,7 @@ class LafortuneScaled(Model):
     equation = "NNS eq. 7"
     references = ("neumann_pumping", "lafortune1997")
     tables = ("s=0.9..1/32",)
-    domain = "n=1..1000/13log,s=0.5..1/11"
+    domain = "n=1..100/13log,s=0.9..1/11"
 
     n = Real(20.0, "exponent", low=0.0, high=1e9)
     s = Real(0.95, "scale of the vertical component", low=0.0, high=1.0, open_low=True)
