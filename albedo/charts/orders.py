@@ -10,7 +10,8 @@ Near the horizon n.v is a root. There s measures the distance from the edge of t
 cos(b) - |x| with sin(b) = y, so that n.v = s sqrt(2 cos(b) - s^2); likewise r^2 = 1 - |y| where the
 chord itself ends. At grazing incidence lobes have a layer n.v ~ n.l, and both are stretched as
 n.l (e^t - 1); elsewhere xi and eta are 3 sigma sinh(t). Each order has the strip of the plane that
-is nearer to it than to its neighbours; a panel ends where the end of its strip crosses the horizon.
+is nearer to it than to its neighbours, or shares one with those that it melts into; a panel ends
+where the end of its strip crosses the horizon.
 """
 
 from __future__ import annotations
@@ -33,6 +34,8 @@ _NEAR = 2.0
 _FOLDS = 4.0
 # In widths, where the stretch of a Gaussian turns logarithmic: measured to need the fewest nodes.
 _CORE = 3.0
+# Width of a strip that orders share, in widths of the Gaussian: as wide as one of them.
+_SHARED = 4.0
 _PLAIN, _UPPER, _LOWER = 0, 1, 2
 
 
@@ -93,7 +96,9 @@ class OrdersChart:
     ) -> list[tuple[tuple[int, ...], tuple[float, ...]]]:
         """Codes and boxes of all panels of one direction."""
         reach = REACH * self.sigma
-        half = min(reach, 0.5 * self.step)
+        # Orders that melt into one another share a strip.
+        every = max(1, round(_SHARED * self.sigma / self.step))
+        half = min(reach, 0.5 * every * self.step)
         top, bottom = _to_edge(ly, lx, lz), _to_edge(-ly, lx, lz)
         low, high = max(-reach, -bottom), min(reach, top)
         near = _NEAR * (high - low)
@@ -101,9 +106,9 @@ class OrdersChart:
         if top - high <= near and low + bottom <= near:
             turns.add(ly)
         found: list[tuple[tuple[int, ...], tuple[float, ...]]] = []
-        first = math.ceil((lx - 1.0 - half) / self.step)
-        last = math.floor((lx + 1.0 + half) / self.step)
-        for n in range(first, last + 1):
+        first = math.ceil((lx - 1.0 - half) / (every * self.step))
+        last = math.floor((lx + 1.0 + half) / (every * self.step))
+        for n in range(every * first, every * last + 1, every):
             x = n * self.step - lx
             crossings = set()
             for end in (x - half, x, x + half):
