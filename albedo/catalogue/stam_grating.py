@@ -83,8 +83,7 @@ def fill(wi: np.ndarray, wo: np.ndarray, h: np.ndarray, p: np.ndarray, out: np.n
     for more in range(-reach, reach + 1):
         n = nearest + more
         height = np.exp(-0.5 * (((u - n * step) / sigma) ** 2 + (v / sigma) ** 2))
-        # What is less than 1e-40 of the peak of an order is not worth a Bessel function.
-        seen = height > 1e-40
+        seen = height > 0.0
         if seen.any():
             phase = np.broadcast_to(wave * w, w.shape)[seen]
             shape = np.broadcast_to(duty, w.shape)[seen]
