@@ -108,7 +108,7 @@ def second_compiler(*models: str) -> Iterator[None]:
     Parameters
     ----------
     *models : str
-        Models about to be integrated, as on the command line: the nodes of their charts come first.
+        Models about to be integrated, as on the command line: it compiles their nodes too.
     """
     if (cache_root() / digest(PACKAGE)).exists():
         yield

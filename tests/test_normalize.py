@@ -6,7 +6,6 @@ import math
 from functools import cache
 from typing import Any
 
-import exact
 import numpy as np
 import pytest
 from exact import mp
@@ -190,8 +189,3 @@ def test_the_largest_albedo_counts_its_error() -> None:
     # Giesen's constant makes it 1, at normal incidence.
     assert abs(value - 1.0) <= error
     assert 0.0 < error <= 1e-12
-
-
-def test_oracles_of_both_models_are_at_hand() -> None:
-    for name in ("lewis", "lafortune_scaled"):
-        assert exact.oracle(name).CHECKED_BY == "test_normalize.py"
