@@ -20,7 +20,10 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from numba.core import event
+from llvmlite import ir
+from numba.core import cgutils, event, sigutils, types
+from numba.core.errors import TypingError
+from numba.extending import intrinsic
 
 PACKAGE = Path(__file__).resolve().parent
 
@@ -96,6 +99,59 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
         return numba.njit(cache=home.is_file(), **_OPTIONS)(function)
     finally:
         config.CACHE_DIR = before
+
+
+def is_kernel(function: Any) -> bool:
+    """Whether a function has machine code that `address` can find."""
+    return isinstance(function, numba.core.dispatcher.Dispatcher)
+
+
+@cache
+def address(function: Any, signature: str) -> int:
+    """Where the machine code of a kernel begins, for types of arguments written as numba does.
+
+    The code is compiled, or loaded, when it has to be; `indirect` calls it.
+    """
+    function.compile(signature)
+    args, _ = sigutils.normalize_signature(signature)
+    compiled = function.overloads[args]
+    return int(compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name))
+
+
+def indirect(signature: str) -> Any:
+    """What calls, inside a kernel, another kernel that is known by its address alone.
+
+    Passing a kernel as an argument would compile its caller anew for each one.
+
+    Parameters
+    ----------
+    signature : str
+        The types of the arguments of kernels that return nothing, as for `address`.
+
+    Returns
+    -------
+    callable
+        ``call(address, arguments)``, for kernels: `arguments` is a tuple of exactly these types.
+    """
+    args, result = sigutils.normalize_signature(signature)
+
+    @intrinsic
+    def call(typing: Any, address: Any, arguments: Any) -> Any:
+        if tuple(arguments) != args:
+            raise TypingError(f"a kernel of ({signature}) is called with {arguments}")
+
+        def generate(context: Any, builder: Any, _: Any, values: Any) -> Any:
+            kind = context.call_conv.get_function_type(result, args)
+            callee = builder.inttoptr(values[0], ir.PointerType(kind))
+            unpacked = cgutils.unpack_tuple(builder, values[1], len(args))
+            status, _ = context.call_conv.call_function(builder, callee, result, args, unpacked)
+            with cgutils.if_unlikely(builder, status.is_error):
+                context.call_conv.return_status_propagate(builder, status)
+            return context.get_dummy_value()
+
+        return types.none(types.intp, arguments), generate
+
+    return call
 
 
 @contextmanager

@@ -15,6 +15,7 @@ from albedo.directions import real_array
 from albedo.errors import ConvergenceWarning, DivergenceError, InputError
 from albedo.estimate import Estimate
 from albedo.integrators.adaptive import Result, compile_kernels, integrate
+from albedo.integrators.cells import ModelIntegrand
 
 DEFAULT_LIMIT = 400_000
 """Evaluations per value before the quadrature gives up and says so."""
@@ -279,6 +280,7 @@ def _rows(
         value = np.where(direct, value, 1.0 - value)
         # What a lobe sends beyond its cut is below 1e-290 of what it is.
         error = error + np.where(direct, 1e-290, np.finfo(float).eps * np.abs(value))
+    error = np.where(np.isnan(value), np.inf, error)
     # Parts may converge one by one and the sum may still be fine, or not: the sum decides.
     converged = error <= np.maximum(options["atol"], options["rtol"] * np.abs(value))
     width = models[0].resolved_width if models else None
@@ -303,6 +305,8 @@ def _spikes(
     distinct: Sequence[Model], which: np.ndarray, cos_theta: np.ndarray, phi: np.ndarray
 ) -> Estimate | None:
     """Energy of the Dirac parts, or None when no model has any."""
+    if all(type(model).spikes is Model.spikes for model in distinct):
+        return None
     s = np.sqrt((1 - cos_theta) * (1 + cos_theta))
     wi = np.stack((s * np.cos(phi), s * np.sin(phi), cos_theta), axis=-1)
     total, found = _zeros(which.size), False
@@ -332,25 +336,7 @@ def _part(
     """Integrate one part over all rows of a batch."""
     fill = part.loss if loss else part.fill
     assert fill is not None
-    plain = bool(np.all(scale == 1.0))
-
-    def integrand(row: np.ndarray, wi: np.ndarray, wo: np.ndarray, h: np.ndarray) -> np.ndarray:
-        out = values(row, wi, wo, h)
-        return out if plain else out * scale[row][:, None]
-
-    def values(row: np.ndarray, wi: np.ndarray, wo: np.ndarray, h: np.ndarray) -> np.ndarray:
-        out: np.ndarray = np.empty(wo.shape[1:])
-        if not swap:
-            fill(wi, wo, h, p[row], out)
-            return out
-        # The fixed direction is the view: every node is a light direction of its own.
-        count = out.shape[1]
-        light, half = wo.reshape(3, -1), h.reshape(3, -1, 1)
-        view = np.repeat(wi, count, axis=1).reshape(3, -1, 1)
-        out = out.reshape(-1, 1)
-        fill(light, view, half, np.repeat(p[row], count, axis=0), out)
-        return out.reshape(-1, count)
-
+    integrand = ModelIntegrand(fill, p, scale, swap)
     chart = part.loss_chart if loss else part.chart
     return integrate(chart, integrand, cos_theta, phi, widths, isotropic, **options)
 

@@ -8,9 +8,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from albedo import model
+from albedo.brdf import Model
 from albedo.charts.cosine import CosineChart
 from albedo.integrators import adaptive
 from albedo.integrators.adaptive import Result, integrate
+from albedo.integrators.cells import Cells, ModelIntegrand, evaluate
 
 Surface = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
@@ -98,15 +101,15 @@ def test_what_moved_is_zero_where_nothing_moved(rng: np.random.Generator) -> Non
     q = np.polynomial.Polynomial(rng.standard_normal(5))
     chart = Square()
     geometry, row, code, box = chart.panels(np.ones(3), None, None, True)
-    cells = adaptive._Cells.blank(row, code, box, np.full((3, 2), 8))
+    cells = Cells.blank(row, code, box, np.full((3, 2), 8))
 
     def surface(row: np.ndarray, wi: np.ndarray, wo: np.ndarray, h: np.ndarray) -> np.ndarray:
         return p(wo[0]) * q(wo[1])
 
-    adaptive._evaluate(chart, surface, geometry, cells)
+    evaluate(chart, surface, geometry, cells)
     work = adaptive._Work(np.arange(3), np.full((3, 2), 8), np.array([-1, 0, 1]))
     children = work.children(cells)
-    adaptive._evaluate(chart, surface, geometry, children)
+    evaluate(chart, surface, geometry, children)
 
     def moved(k: int, other: int) -> float:
         cut = int(work.cut[k])
@@ -119,7 +122,7 @@ def test_what_moved_is_zero_where_nothing_moved(rng: np.random.Generator) -> Non
 
 
 def test_a_bound_that_was_passed_raises_the_doubt() -> None:
-    cells = adaptive._Cells.blank(
+    cells = Cells.blank(
         *(np.zeros(1, dtype=int), np.ones((1, 4), dtype=int)),
         *(np.array([[0.0, 1.0, 0.0, 1.0]]), np.full((1, 2), 8)),
     )
@@ -153,3 +156,47 @@ def test_a_faint_row_converges_beside_a_bright_one() -> None:
     )
     assert np.all(found.converged)
     assert len(set(found.evaluations.tolist())) == 1
+
+
+@pytest.mark.parametrize("fixed", ["light", "view"])
+@pytest.mark.parametrize(
+    "m",
+    [
+        model("cook_torrance", m=0.2, distribution="ggx", geometry="smith_correlated"),
+        model("ward_duer", alpha_x=0.05, alpha_y=0.4),
+        model("max_phong", n=40.0),
+        model("oren_nayar_full", sigma=1.2, rho=0.05),
+        model("lafortune", lobes=((-0.9, -0.8, 0.7, 12.0), (0.6, 0.7, 0.7, 3.0))),
+        model("poulin_fournier"),
+        model("stam_grating", coherence=10.0),
+    ],
+    ids=lambda value: value.name if isinstance(value, Model) else value,
+)
+def test_one_kernel_for_a_round_equals_block_by_block(m: Model, fixed: str) -> None:
+    """Nodes and values are the same machine code, so that values agree to the last bit."""
+    cosines, turns = np.array([0.9, 0.3, 1e-3]), np.array([0.4, 1.1, 0.0])
+    for part in m.parts():
+        p = part.packed(np.tile(np.array(m.pack(), dtype=float), (3, 1)))
+        inside = ModelIntegrand(part.fill, p, np.array([1.0, 0.5, 3.0]), fixed == "view")
+
+        def outside(
+            row: np.ndarray,
+            wi: np.ndarray,
+            wo: np.ndarray,
+            h: np.ndarray,
+            f: ModelIntegrand = inside,
+        ) -> np.ndarray:
+            return f(row, wi, wo, h)
+
+        one, two = (
+            integrate(
+                *(part.chart, f, cosines, turns, np.tile(part.widths, (3, 1)), m.isotropic),
+                rtol=1e-7,
+                atol=1e-280,
+                limit=20_000,
+            )
+            for f in (inside, outside)
+        )
+        np.testing.assert_array_equal(one.value, two.value)
+        np.testing.assert_array_equal(one.error, two.error)
+        np.testing.assert_array_equal(one.evaluations, two.evaluations)

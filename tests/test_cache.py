@@ -8,7 +8,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
+import pytest
+from numba.core.errors import TypingError
+
 import albedo
+from albedo._compile import address, indirect, kernel
 
 PACKAGE = Path(albedo.__file__).parent
 HERE = PACKAGE.parent
@@ -81,9 +86,37 @@ def test_a_helper_process_compiles_what_an_integral_needs_beside_its_panels(tmp_
     )
     after = machine_code(tmp_path)
     shared = {
-        file for file in after if file.name.startswith(("adaptive.", "rules.", "polar._nodes"))
+        file
+        for file in after
+        if file.name.startswith(("adaptive.", "cells.", "rules.", "polar._nodes"))
     }
     # Nothing of these had to be compiled again; the panels and the model's own kernel had.
-    assert len(shared) >= 6
+    assert len(shared) >= 10
     assert shared <= before
     assert {file.name.split("-")[0] for file in after - before} >= {"polar._panels", "ward.fill"}
+
+
+def test_a_kernel_is_called_by_its_address_with_its_own_types_only() -> None:
+    types = "void(f8[::1], f8[::1])"
+    call = indirect(types)
+
+    @kernel
+    def double(x, y):
+        for i in range(x.size):
+            y[i] = 2.0 * x[i]
+
+    @kernel
+    def square(x, y):
+        for i in range(x.size):
+            y[i] = x[i] * x[i]
+
+    @kernel
+    def through(where, x, y):
+        call(where, (x, y))
+
+    x, y = np.arange(4.0), np.empty(4)
+    for function, expected in ((double, 2.0 * x), (square, x * x)):
+        through(address(function, types), x, y)
+        np.testing.assert_array_equal(y, expected)
+    with pytest.raises(TypingError, match="is called with"):
+        through(address(double, types), np.arange(4), y)

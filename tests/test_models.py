@@ -95,6 +95,20 @@ def test_models_that_claim_not_to_be_reciprocal_are_not() -> None:
                 assert asymmetry(model, 0.4, 0.4) > 1e-3, model.spec
 
 
+@moderate
+@pytest.mark.filterwarnings("ignore::albedo.ConvergenceWarning")
+def test_reciprocal_models_reflect_the_same_with_the_view_fixed(model: Model) -> None:
+    if not model.reciprocal:
+        return
+    cosines, phi = np.array([0.93, 0.4, 1e-2]), np.array([0.3, 1.2, 0.0])
+    light, view = (
+        albedo.directional_albedo(model, cosines, phi, rtol=1e-7, atol=1e-12, fixed=fixed)
+        for fixed in ("light", "view")
+    )
+    assert np.all(np.isfinite(view.value)), "a value was refused"
+    assert np.all(np.abs(light.value - view.value) <= light.error + view.error)
+
+
 def largest_excess(model: Model) -> tuple[float, float]:
     """Largest of a - 1, and of what a exceeds 1 by beyond its bound."""
     phi = np.array([0.0] if model.isotropic else [0.0, 0.4, 0.9, 0.5 * math.pi])

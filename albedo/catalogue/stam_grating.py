@@ -99,7 +99,7 @@ def fill(wi: np.ndarray, wo: np.ndarray, h: np.ndarray, p: np.ndarray, out: np.n
     straight = (2.0 * v_h * v_h / w) ** 2
     with np.errstate(divide="ignore", invalid="ignore"):
         values = factor * straight * total / (lz * vz * 2.0 * math.pi * sigma * sigma)
-    out[:] = np.where(vz > 0.0, values, 0.0)
+    out[:] = np.where((lz > 0.0) & (vz > 0.0), values, 0.0)
 
 
 class StamGrating(FresnelChoice):

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from albedo._compile import kernel
-from albedo.charts._arrays import blank
+from albedo.charts._compiled import CompiledChart, Kernel
 
 # A lobe is cut where it is below exp(-42.25) = 4.5e-19 of the largest that is above the horizon.
 _REACH = 42.25
@@ -31,7 +31,7 @@ _LOWER, _UPPER, _AROUND = 0, 1, 2
 
 
 @dataclass(frozen=True)
-class AxisChart:
+class AxisChart(CompiledChart):
     """What is within 90 degrees of (c_x l.x, c_y l.y, c_z l.z) and above the horizon.
 
     It is laid out for powers of the cosine from that axis, of exponent 1/width^2, and for kernels
@@ -88,18 +88,10 @@ class AxisChart:
         code = np.array([panel for panels in codes for panel in panels])
         return geometry, row, code, np.tile([0.0, 1.0, 0.0, 1.0], (row.size, 1))
 
-    def nodes(
-        self,
-        geometry: np.ndarray,
-        code: np.ndarray,
-        box: np.ndarray,
-        u: np.ndarray,
-        v: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Directions and Jacobians; see `albedo.charts.polar.PolarChart.nodes`."""
-        arrays = blank(box.shape[0], u.size * v.size)
-        _nodes(geometry, code, box, u, v, self.edge, *arrays)
-        return arrays
+    @property
+    def layout(self) -> tuple[Kernel, np.ndarray]:
+        """See `albedo.charts._compiled.CompiledChart`."""
+        return _nodes, np.array([float(self.edge)])
 
 
 @kernel
@@ -110,8 +102,9 @@ def _away(x, size, edge):
 
 
 @kernel
-def _nodes(geometry, code, box, u, v, edge, wi, wo, h, weight):
+def _nodes(geometry, code, box, u, v, numbers, wi, wo, h, weight):
     """Directions, sums and Jacobians; one row per panel."""
+    edge = int(numbers[0])
     for k in range(box.shape[0]):
         lx, ly, lz, tx, ty, first, middle, last, side = geometry[k]
         wi[0, k], wi[1, k], wi[2, k] = lx, ly, lz

@@ -20,14 +20,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from albedo._compile import kernel
-from albedo.charts._arrays import blank
+from albedo.charts._compiled import CompiledChart, Kernel
 
 # A rule of a dozen nodes sees this many e-folds of a graded panel to all digits.
 _FOLDS = 7.0
 
 
 @dataclass(frozen=True)
-class CosineChart:
+class CosineChart(CompiledChart):
     """The hemisphere in (azimuth, cosine).
 
     Parameters
@@ -85,28 +85,21 @@ class CosineChart:
         x = np.linspace(0.0, end, 1 + max(1, math.ceil(end / _FOLDS))).tolist()
         return [(0.0, elevation, 0), *((v0, v1, 1) for v0, v1 in itertools.pairwise(x))]
 
-    def nodes(
-        self,
-        geometry: np.ndarray,
-        code: np.ndarray,
-        box: np.ndarray,
-        u: np.ndarray,
-        v: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Directions and Jacobians; see `albedo.charts.polar.PolarChart.nodes`."""
-        arrays = blank(box.shape[0], u.size * v.size)
-        _nodes(geometry, code, box, u, v, self.angle, *arrays)
-        return arrays
+    @property
+    def layout(self) -> tuple[Kernel, np.ndarray]:
+        """See `albedo.charts._compiled.CompiledChart`."""
+        return _nodes, np.array([float(self.angle)])
 
 
 @kernel
-def _nodes(geometry, code, box, u, v, angle, wi, wo, h, weight):
+def _nodes(geometry, code, box, u, v, numbers, wi, wo, h, weight):
+    angle = numbers[0] != 0.0
     for k in range(box.shape[0]):
         c, s, cos_phi, sin_phi = geometry[k, 0], geometry[k, 1], geometry[k, 2], geometry[k, 3]
         wi[0, k] = s * cos_phi
         wi[1, k] = s * sin_phi
         wi[2, k] = c
-        u0, u1, v0, v1 = box[k]
+        u0, u1, v0, v1 = box[k, 0], box[k, 1], box[k, 2], box[k, 3]
         for iu in range(u.size):
             psi = u0 + (u1 - u0) * u[iu]
             cos_psi, sin_psi = math.cos(psi), math.sin(psi)

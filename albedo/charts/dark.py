@@ -14,7 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from albedo._compile import kernel
+from albedo.charts._compiled import Kernel
 from albedo.charts.cosine import CosineChart
+from albedo.charts.cosine import _nodes as plain
 
 _HALF = 0.5 * math.pi
 
@@ -69,21 +71,10 @@ class DarkChart(CosineChart):
                 boxes.append((u0, u1, first, v1, 0.0, 0.0))
         return geometry, np.array(rows), np.array(codes), np.array(boxes)
 
-    def nodes(
-        self,
-        geometry: np.ndarray,
-        code: np.ndarray,
-        box: np.ndarray,
-        u: np.ndarray,
-        v: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Directions and Jacobians; see `albedo.charts.polar.PolarChart.nodes`."""
-        wi, wo, h, weight = super().nodes(geometry, code, box[:, :4], u, v)
-        _nodes(
-            *(geometry, code, box, u, v, self.c_1, self.lobe, self.second),
-            *(wo, h, weight),
-        )
-        return wi, wo, h, weight
+    @property
+    def layout(self) -> tuple[Kernel, np.ndarray]:
+        """See `albedo.charts._compiled.CompiledChart`."""
+        return _nodes, np.array([float(self.angle), self.c_1, self.lobe, self.second])
 
 
 @kernel
@@ -120,7 +111,9 @@ def _dark_end(c, s, elevation, c_1, lobe, second):
 
 
 @kernel
-def _nodes(geometry, code, box, u, v, c_1, lobe, second, wo, h, weight):
+def _nodes(geometry, code, box, u, v, numbers, wi, wo, h, weight):
+    c_1, lobe, second = numbers[1], numbers[2], numbers[3]
+    plain(geometry, code, box, u, v, numbers, wi, wo, h, weight)
     for k in range(box.shape[0]):
         if code[k, 4] == 0:
             continue

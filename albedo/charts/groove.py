@@ -39,7 +39,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from albedo._compile import kernel
-from albedo.charts._arrays import blank
+from albedo.charts._compiled import CompiledChart, Kernel
 
 # A corner that the stretching leaves round at this distance holds its cube of the energy.
 _FINEST = 1e-5
@@ -57,7 +57,7 @@ def _height(a: float, b: float, c: float) -> float:
 
 
 @dataclass(frozen=True)
-class GrooveChart:
+class GrooveChart(CompiledChart):
     """The hemisphere in (height across the grooves, angle out of the plane across them).
 
     The two widths of a row are the spacing D of the cylinders and the elevation 1 - f of their
@@ -108,18 +108,10 @@ class GrooveChart:
                     box.append((u0, u1, v0, v1, low, high))
         return geometry, np.array(row), np.array(code), np.array(box)
 
-    def nodes(
-        self,
-        geometry: np.ndarray,
-        code: np.ndarray,
-        box: np.ndarray,
-        u: np.ndarray,
-        v: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Directions and Jacobians; see `albedo.charts.polar.PolarChart.nodes`."""
-        arrays = blank(box.shape[0], u.size * v.size)
-        _nodes(geometry, code, box, u, v, self.lobe, _FINEST, *arrays)
-        return arrays
+    @property
+    def layout(self) -> tuple[Kernel, np.ndarray]:
+        """See `albedo.charts._compiled.CompiledChart`."""
+        return _nodes, np.array([self.lobe, _FINEST])
 
 
 def _strips(
@@ -182,7 +174,8 @@ def _pieces(
 
 
 @kernel
-def _nodes(geometry, code, box, u, v, lobe, finest, wi, wo, h, weight):
+def _nodes(geometry, code, box, u, v, numbers, wi, wo, h, weight):
+    lobe, finest = numbers[0], numbers[1]
     for k in range(box.shape[0]):
         lx, ly, lz, in_plane, eta_l, beta = geometry[k]
         wi[0, k] = lx

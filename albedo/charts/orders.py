@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from albedo._compile import kernel
-from albedo.charts._arrays import blank
+from albedo.charts._compiled import CompiledChart, Kernel
 
 # A Gaussian is cut at this many widths: at 5e-32 of its peak.
 REACH = 12.0
@@ -48,7 +48,7 @@ class _Side(NamedTuple):
 
 
 @dataclass(frozen=True)
-class OrdersChart:
+class OrdersChart(CompiledChart):
     """The unit disk of (v.x, v.y), about the orders of a grating.
 
     Parameters
@@ -188,18 +188,10 @@ class OrdersChart:
                 found.append(_Side(_PLAIN, *ends))
         return found
 
-    def nodes(
-        self,
-        geometry: np.ndarray,
-        code: np.ndarray,
-        box: np.ndarray,
-        u: np.ndarray,
-        v: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Directions and Jacobians; see `albedo.charts.polar.PolarChart.nodes`."""
-        arrays = blank(box.shape[0], u.size * v.size)
-        _nodes(geometry, code, box, u, v, *arrays)
-        return arrays
+    @property
+    def layout(self) -> tuple[Kernel, np.ndarray]:
+        """See `albedo.charts._compiled.CompiledChart`."""
+        return _nodes, np.empty(0)
 
 
 def _to_edge(along: float, across: float, up: float) -> float:
@@ -235,7 +227,7 @@ def _clustered(t, power):
 
 
 @kernel
-def _nodes(geometry, code, box, u, v, wi, wo, h, weight):
+def _nodes(geometry, code, box, u, v, numbers, wi, wo, h, weight):
     """Directions, sums and Jacobians; one row per panel."""
     for k in range(box.shape[0]):
         lx, ly, lz, step, sigma = geometry[k]

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from albedo._compile import kernel
-from albedo.charts._arrays import blank
+from albedo.charts._compiled import CompiledChart, Kernel
 
 # A cosine power is cut where it is exp(-42.25) = 4.5e-19 of its peak; in widths, the angle to R.
 _REACH = math.sqrt(8.0 * 42.25)
@@ -27,7 +27,7 @@ _SCALE = 6.0
 
 
 @dataclass(frozen=True)
-class ParallelsChart:
+class ParallelsChart(CompiledChart):
     """The hemisphere in (azimuth, elevation), stretched about the mirror direction.
 
     Parameters
@@ -88,18 +88,10 @@ class ParallelsChart:
                     box.append((u0, u1, *ends))
         return geometry, np.array(row), np.array(code), np.array(box)
 
-    def nodes(
-        self,
-        geometry: np.ndarray,
-        code: np.ndarray,
-        box: np.ndarray,
-        u: np.ndarray,
-        v: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Directions and Jacobians; see `albedo.charts.polar.PolarChart.nodes`."""
-        arrays = blank(box.shape[0], u.size * v.size)
-        _nodes(geometry, code, box, u, v, *arrays)
-        return arrays
+    @property
+    def layout(self) -> tuple[Kernel, np.ndarray]:
+        """See `albedo.charts._compiled.CompiledChart`."""
+        return _nodes, np.empty(0)
 
 
 def _turn(reach: float, cosines: float) -> float:
@@ -110,7 +102,7 @@ def _turn(reach: float, cosines: float) -> float:
 
 
 @kernel
-def _nodes(geometry, code, box, u, v, wi, wo, h, weight):
+def _nodes(geometry, code, box, u, v, numbers, wi, wo, h, weight):
     for k in range(box.shape[0]):
         c, s, cos_phi, sin_phi, lift, w, across = geometry[k]
         wi[0, k] = s * cos_phi

@@ -36,7 +36,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from albedo._compile import kernel
-from albedo.charts._arrays import blank
+from albedo.charts._compiled import CompiledChart, Kernel
 
 KINDS = {
     "slope": 0,
@@ -59,7 +59,7 @@ _EIGHTH = math.tan(0.125 * math.pi)
 
 
 @dataclass(frozen=True)
-class PolarChart:
+class PolarChart(CompiledChart):
     """A polar chart with its structure; widths differ from row to row.
 
     Parameters
@@ -168,39 +168,10 @@ class PolarChart:
         kind = KINDS[self.kind]
         return kind, KINKS[self.kinks], DECAYS[self.decay], self.full
 
-    def nodes(
-        self,
-        geometry: np.ndarray,
-        code: np.ndarray,
-        box: np.ndarray,
-        u: np.ndarray,
-        v: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Directions and Jacobians at the nodes (u, v) of panels.
-
-        Parameters
-        ----------
-        geometry, code, box : ndarray, shape (m, ...)
-            Panels, with the geometry of the row of each.
-        u, v : ndarray, shape (p,) and (q,)
-            Nodes in (0, 1).
-
-        Returns
-        -------
-        wi : ndarray, shape (3, m)
-        wo, h : ndarray, shape (3, m, p * q)
-            Outgoing direction, and wi + wo without cancellation.
-        weight : ndarray, shape (m, p * q)
-            n.v dV / (du dv); dV / (du dv) when the chart is `full`.
-        """
-        arrays = blank(box.shape[0], u.size * v.size)
-        kind, kinks, decay, full = self._structure
-        powers = self.edge, self.origin
-        _nodes(
-            *(geometry, code, box, u, v, kind, kinks, decay, full),
-            *(*powers, *arrays),
-        )
-        return arrays
+    @property
+    def layout(self) -> tuple[Kernel, np.ndarray]:
+        """See `albedo.charts._compiled.CompiledChart`."""
+        return _nodes, np.array([*self._structure, self.edge, self.origin], dtype=np.float64)
 
 
 @kernel
@@ -594,8 +565,10 @@ def _adapt(b, found, pattern, expected):
 
 
 @kernel
-def _nodes(geometry, code, box, u, v, kind, kinks, decay, full, edge, origin, wi, wo, h, weight):
+def _nodes(geometry, code, box, u, v, numbers, wi, wo, h, weight):
     """Directions, half vectors and Jacobians; one row per panel."""
+    kind, kinks, decay, full = int(numbers[0]), int(numbers[1]), int(numbers[2]), numbers[3] != 0.0
+    edge, origin = int(numbers[4]), int(numbers[5])
     b = np.empty(12)
     count = v.size
     exps, jacs, sines, cosines = np.empty(count), np.empty(count), np.empty(count), np.empty(count)

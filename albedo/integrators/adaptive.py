@@ -13,60 +13,35 @@ geometric; and if it exceeds the old bound, all bounds of the row grow by the sa
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from albedo._compile import kernel
-from albedo.integrators.rules import LADDER, bounds_of, gauss
-
-Integrand = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+from albedo.integrators.cells import (
+    MOMENTS,
+    Cells,
+    Chart,
+    Integrand,
+    compile_cells,
+    evaluate,
+    of_rows,
+    probe_cells,
+)
+from albedo.integrators.rules import LADDER
 
 _EPS = np.finfo(np.float64).eps
 _LADDER = np.array(LADDER)
 _TOP = LADDER[-1]
-# Nodes in one block: nine numbers each, which fits in a 2 MiB cache.
-_BLOCK = 16384
 # Each number that a chart or a kernel hands on carries a few roundings.
 _ROUNDINGS = 40.0
 _ROUNDS = 60
 _UNSELECTED = 1
 _GROWTH = 0.65
-# First Legendre moments of both marginals, compared when a cell is computed again: several
-# numbers, because the value alone may happen to agree.
-_MOMENTS = 4
 # What moved, times this, bounds the error of the finer rule, and the fall that it may claim.
 _TRUST = 8.0
-# A marginal of which one node carries more than this share has not been seen: a spike may stand
-# beside it. The share that may hide is a number that no tolerance can live with.
-_LONE, _HIDDEN = 0.99, 1e9
-
-
-class Chart(Protocol):
-    """What the integrator needs of a chart; see `albedo.charts.polar.PolarChart`."""
-
-    def panels(
-        self,
-        cos_theta: np.ndarray,
-        phi: np.ndarray,
-        widths: np.ndarray,
-        isotropic: bool,
-        coarse: bool = False,
-        fine: bool = False,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]: ...
-
-    def nodes(
-        self,
-        geometry: np.ndarray,
-        code: np.ndarray,
-        box: np.ndarray,
-        u: np.ndarray,
-        v: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]: ...
 
 
 @dataclass
@@ -77,40 +52,6 @@ class Result:
     error: np.ndarray
     evaluations: np.ndarray
     converged: np.ndarray
-
-
-@dataclass
-class _Cells:
-    """A growing set of cells, one entry per array element."""
-
-    row: np.ndarray
-    code: np.ndarray
-    box: np.ndarray
-    order: np.ndarray  # (m, 2) nodes along u and v
-    value: np.ndarray
-    error: np.ndarray  # (m, 2) bounds along u and v, to stop on
-    tight: np.ndarray  # (m,) their sum, to report where nothing was stopped on it
-    size: np.ndarray  # integral of the modulus
-    moments: np.ndarray  # (m, 2, _MOMENTS) first Legendre coefficients of the marginals
-
-    @classmethod
-    def blank(cls, row: np.ndarray, code: np.ndarray, box: np.ndarray, order: np.ndarray) -> _Cells:
-        """Cells that are still to be evaluated."""
-        m = row.size
-        empty = np.zeros(m), np.zeros((m, 2)), np.zeros(m), np.zeros(m), np.zeros((m, 2, _MOMENTS))
-        return cls(row, code, box, order, *empty)
-
-    def take(self, keep: np.ndarray) -> _Cells:
-        return _Cells(*(getattr(self, f)[keep] for f in self.__dataclass_fields__))
-
-    def replace(self, parent: np.ndarray, children: _Cells) -> None:
-        """Put the first children in the places of their parents, and the others at the end."""
-        m = parent.size
-        for f in self.__dataclass_fields__:
-            old, new = getattr(self, f), getattr(children, f)
-            old[parent] = new[:m]
-            if new.shape[0] > m:
-                setattr(self, f, np.concatenate((old, new[m:])))
 
 
 def integrate(
@@ -173,9 +114,9 @@ def integrate(
     if order == start:
         # The core of a lobe (inner panel 0) is steeper along v than along u.
         first += np.where((code[:, 1] == 0)[:, None], (-2, 4), (-2, 0))
-    cells = _Cells.blank(row, code, box, first)
+    cells = Cells.blank(row, code, box, first)
     spent = np.bincount(row, weights=first.prod(1), minlength=n).astype(int)
-    _evaluate(chart, integrand, geometry, cells)
+    evaluate(chart, integrand, geometry, cells)
     active = np.ones(n, dtype=bool)
     rounds = np.zeros(n, dtype=int)
     for _ in range(_ROUNDS):
@@ -186,29 +127,13 @@ def integrate(
         active &= doubt * error + rounding > 0.5 * target
         if not active.any():
             break
-        work = _plan(cells, 0.25 * target / doubt, active, n)
+        allowed = 0.25 * target / doubt
+        work = _plan(cells, allowed, active, limit - spent - (2 * leaves + 4), spent, rounds)
         if work.parent.size == 0:
-            # Only rounding stands above what was asked for.
-            break
-        reserve = 2 * leaves + 4
-        cost = work.cost
-        rank = np.lexsort((-cells.error.sum(1)[work.parent], cells.row[work.parent]))
-        work = work.take(rank)
-        cost = cost[rank]
-        rows = cells.row[work.parent]
-        running = np.cumsum(cost)
-        opens = np.concatenate(([True], rows[1:] != rows[:-1]))
-        base = (running - cost)[opens][np.cumsum(opens) - 1]
-        affordable = spent[rows] + (running - base) + reserve[rows] <= limit
-        # A row that cannot pay for all of it pays for the worst cells, and is done.
-        active &= np.bincount(rows[affordable], minlength=n) > 0
-        work = work.take(affordable)
-        if work.parent.size == 0:
+            # Only rounding stands above what was asked for, or nothing can be paid for.
             break
         children = work.children(cells)
-        rounds += np.bincount(children.row, minlength=n) > 0
-        spent += np.bincount(children.row, weights=children.order.prod(1), minlength=n).astype(int)
-        _evaluate(chart, integrand, geometry, children)
+        evaluate(chart, integrand, geometry, children)
         _audit(cells, children, work, doubt)
         cells.replace(work.parent, children)
     value, error, size, leaves = _sums(cells, n)
@@ -216,7 +141,7 @@ def integrate(
         nodes, shift = 0, np.zeros(n)
     else:
         nodes = 2 if limit - int(spent.max()) >= 8 * int(leaves.max()) else 1
-        shift = _probe(chart, integrand, geometry, cells, n, nodes)
+        shift = probe_cells(chart, integrand, geometry, cells, n, nodes)
     spent = spent + 2 * nodes * nodes * leaves
     rounding = _ROUNDINGS * _EPS * size + 4.0 * shift
     stopped = doubt * error + rounding <= np.maximum(atol, rtol * np.abs(value))
@@ -231,7 +156,7 @@ def integrate(
         # A panel turned out to be two: look for the place where it changes.
         again = integrate(
             chart,
-            lambda row, wi, wo, h: integrand(refused[row], wi, wo, h),
+            of_rows(integrand, refused),
             cos_theta[refused],
             phi[refused],
             widths[refused],
@@ -248,90 +173,15 @@ def integrate(
     return found
 
 
-def _sums(cells: _Cells, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _sums(cells: Cells, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Value, error and modulus of every row, and its number of cells."""
-    total = cells.error.sum(1)
+    total = cells.error[:, 0] + cells.error[:, 1]
     return (
         np.bincount(cells.row, weights=cells.value, minlength=n),
         np.bincount(cells.row, weights=total, minlength=n),
         np.bincount(cells.row, weights=cells.size, minlength=n),
         np.maximum(np.bincount(cells.row, minlength=n), 1),
     )
-
-
-def _evaluate(chart: Chart, integrand: Integrand, geometry: np.ndarray, cells: _Cells) -> None:
-    """Fill value, error and size of all cells."""
-    # Cells that share a pair of orders stand together, so that every block is a slice.
-    key = cells.order[:, 0] * 1000 + cells.order[:, 1]
-    rank = np.argsort(key, kind="stable")
-    row, code, box = cells.row[rank], cells.code[rank], cells.box[rank]
-    geometry = geometry[row]
-    edges = np.flatnonzero(np.diff(key[rank])) + 1
-    for start, stop in itertools.pairwise((0, *edges.tolist(), rank.size)):
-        p, q = cells.order[rank[start]].tolist()
-        rule_u, rule_v = gauss(p), gauss(q)
-        step = max(1, _BLOCK // (p * q))
-        for first in range(start, stop, step):
-            block = slice(first, min(first + step, stop))
-            wi, wo, h, weight = chart.nodes(
-                geometry[block], code[block], box[block], rule_u.nodes, rule_v.nodes
-            )
-            f = integrand(row[block], wi, wo, h)
-            _reduce(
-                *(rank[block], f, weight, rule_u.weights, rule_v.weights),
-                *(rule_u.to_coefficients, rule_v.to_coefficients),
-                *(cells.value, cells.error, cells.tight, cells.size, cells.moments),
-            )
-
-
-@kernel
-def _judge(along, weights, to_coefficients, spectrum):
-    """Fill the spectrum of a marginal; return its two bounds."""
-    p = along.size
-    for k in range(p):
-        total = 0.0
-        for i in range(p):
-            total += along[i] * to_coefficients[i, k]
-        spectrum[k] = total
-    stop, report = bounds_of(spectrum[:p])
-    seen = most = 0.0
-    for i in range(p):
-        part = abs(along[i]) * weights[i]
-        seen += part
-        most = max(most, part)
-    if most > _LONE * seen:
-        stop, report = max(stop, _HIDDEN * seen), max(report, _HIDDEN * seen)
-    return stop, report
-
-
-@kernel
-def _reduce(block, f, weight, weights_u, weights_v, to_u, to_v, value, error, tight, size, moments):
-    """Fill what is measured of the cells in a block, from the values at their nodes."""
-    p, q = weights_u.size, weights_v.size
-    along_u, along_v = np.empty(p), np.empty(q)
-    spectrum = np.empty(max(p, q))
-    for k in range(block.size):
-        cell = block[k]
-        along_v[:] = 0.0
-        modulus = 0.0
-        for i in range(p):
-            total = absolute = 0.0
-            for j in range(q):
-                x = f[k, i * q + j] * weight[k, i * q + j]
-                total += x * weights_v[j]
-                absolute += abs(x) * weights_v[j]
-                along_v[j] += x * weights_u[i]
-            along_u[i] = total
-            modulus += absolute * weights_u[i]
-        size[cell] = modulus
-        error[cell, 0], report = _judge(along_u, weights_u, to_u, spectrum)
-        value[cell] = spectrum[0]
-        for j in range(min(p, _MOMENTS)):
-            moments[cell, 0, j] = spectrum[j]
-        error[cell, 1], other = _judge(along_v, weights_v, to_v, spectrum)
-        for j in range(min(q, _MOMENTS)):
-            moments[cell, 1, j] = spectrum[j]
-        tight[cell] = report + other
 
 
 @dataclass
@@ -342,49 +192,120 @@ class _Work:
     order: np.ndarray
     cut: np.ndarray
 
-    @property
-    def cost(self) -> np.ndarray:
-        return self.order.prod(1) * np.where(self.cut >= 0, 2, 1)
-
-    def take(self, keep: np.ndarray) -> _Work:
-        return _Work(self.parent[keep], self.order[keep], self.cut[keep])
-
-    def children(self, cells: _Cells) -> _Cells:
-        source = np.concatenate((self.parent, self.parent[self.cut >= 0]))
-        box = cells.box[source].copy()
-        first = np.flatnonzero(self.cut >= 0)
-        second = self.parent.size + np.arange(first.size)
-        column = 2 * self.cut[first]
-        middle = 0.5 * (box[first, column] + box[first, column + 1])
-        box[first, column + 1] = middle
-        box[second, column] = middle
-        order = np.concatenate((self.order, self.order[first]))
-        return _Cells.blank(cells.row[source], cells.code[source], box, order)
+    def children(self, cells: Cells) -> Cells:
+        """The new cells: one in the place of every parent, then the second halves of those cut."""
+        m = self.parent.size + np.count_nonzero(self.cut >= 0)
+        row, order = np.empty(m, dtype=int), np.empty((m, 2), dtype=int)
+        code, box = np.empty((m, cells.code.shape[1]), dtype=int), np.empty((m, cells.box.shape[1]))
+        _divide(
+            *(self.parent, self.order, self.cut, cells.row, cells.code, cells.box),
+            *(row, code, box, order),
+        )
+        return Cells.blank(row, code, box, order)
 
 
-def _plan(cells: _Cells, allowed: np.ndarray, active: np.ndarray, n: int) -> _Work:
+@kernel
+def _divide(parent, new_order, cut, old_row, old_code, old_box, row, code, box, order):
+    """Fill the last four with the children of parents."""
+    other = parent.size
+    for k in range(parent.size):
+        i = parent[k]
+        _copy(i, k, old_row, old_code, old_box, row, code, box)
+        order[k, 0], order[k, 1] = new_order[k, 0], new_order[k, 1]
+        if cut[k] >= 0:
+            _copy(i, other, old_row, old_code, old_box, row, code, box)
+            order[other, 0], order[other, 1] = new_order[k, 0], new_order[k, 1]
+            first, last = 2 * cut[k], 2 * cut[k] + 1
+            middle = 0.5 * (old_box[i, first] + old_box[i, last])
+            box[k, last] = middle
+            box[other, first] = middle
+            other += 1
+
+
+@kernel
+def _copy(i, k, old_row, old_code, old_box, row, code, box):
+    # Element by element: assigning rows of arrays takes two seconds to compile.
+    row[k] = old_row[i]
+    for j in range(code.shape[1]):
+        code[k, j] = old_code[i, j]
+    for j in range(box.shape[1]):
+        box[k, j] = old_box[i, j]
+
+
+def _plan(
+    cells: Cells,
+    allowed: np.ndarray,
+    active: np.ndarray,
+    budget: np.ndarray,
+    spent: np.ndarray,
+    rounds: np.ndarray,
+) -> _Work:
     """Choose, for the cells whose errors a row cannot afford, a higher order or a cut.
 
     `allowed` is what the cells left alone may sum to, and once more what the others may come to.
+    A row that cannot pay for all of it from its budget pays for the worst cells; one that does
+    nothing is active no longer. What is paid is added to `spent`, and a round to those that paid.
     """
-    live = np.flatnonzero(active[cells.row])
-    total = cells.error[live].sum(1)
-    rank = np.lexsort((total, cells.row[live]))
-    total, live = total[rank], live[rank]
-    rows = cells.row[live]
-    # As shares of their row: beside the errors of another row small ones would be rounded away.
-    whole = np.maximum(np.bincount(rows, weights=total, minlength=n), 1e-300)[rows]
-    share = np.where(np.isfinite(whole), total / whole, 1.0)
-    running = np.cumsum(share)
-    start = np.concatenate(([True], rows[1:] != rows[:-1]))
-    base = (running - share)[start][np.cumsum(start) - 1]
-    spare = running - base <= allowed[rows] / whole
-    parent = np.sort(live[~spare])
-    count = np.bincount(cells.row[parent], minlength=n)
-    order, cut = np.empty((parent.size, 2), int), np.empty(parent.size, int)
-    goal = (0.5 * allowed / np.maximum(count, 1))[cells.row[parent]]
-    _choose(parent, goal, cells.error, cells.size, cells.order, order, cut)
-    return _Work(parent, order, cut)
+    m = cells.row.size
+    total = cells.error[:, 0] + cells.error[:, 1]
+    place = np.lexsort((total, cells.row))
+    start = np.concatenate(([0], np.cumsum(np.bincount(cells.row, minlength=active.size))))
+    parent, order, cut = np.empty(m, dtype=int), np.empty((m, 2), dtype=int), np.empty(m, dtype=int)
+    count = _choose_all(
+        *(start, place, total, cells.error, cells.size, cells.order, allowed, active, budget),
+        *(spent, rounds, parent, order, cut),
+    )
+    return _Work(parent[:count], order[:count], cut[:count])
+
+
+@kernel
+def _choose_all(
+    start,
+    place,
+    total,
+    error,
+    size,
+    old,
+    allowed,
+    active,
+    budget,
+    spent,
+    rounds,
+    parent,
+    order,
+    cut,
+):
+    """Fill parent, order and cut; return how many cells are to be computed again.
+
+    `place` has the cells of every row from the smallest error on, those of row r from start[r].
+    """
+    count = 0
+    for r in range(active.size):
+        if not active[r]:
+            continue
+        first, last = start[r], start[r + 1]
+        # Added up from the smallest on, so that none is rounded away; NaN counts as too much.
+        running = 0.0
+        while first < last:
+            running += total[place[first]]
+            if not running <= allowed[r]:
+                break
+            first += 1
+        goal = 0.5 * allowed[r] / max(last - first, 1)
+        paid = 0
+        for j in range(last - 1, first - 1, -1):
+            i = place[j]
+            cut[count] = _choose(goal, error[i], size[i], old[i], order[count])
+            cost = order[count, 0] * order[count, 1] * (2 if cut[count] >= 0 else 1)
+            if paid + cost > budget[r]:
+                break
+            parent[count] = i
+            paid += cost
+            count += 1
+        active[r] = paid > 0
+        spent[r] += paid
+        rounds[r] += paid > 0
+    return count
 
 
 @kernel
@@ -397,50 +318,48 @@ def _rung(wanted):
 
 
 @kernel
-def _choose(parent, goal, error, size, old, order, cut):
-    """Fill, for every parent, its new orders and the direction along which it is cut."""
-    for k in range(parent.size):
-        i = parent[k]
-        whole = max(size[i], 1e-300)
-        fall = math.log(goal[k] / whole)
-        cut[k] = -1
-        for d in range(2):
-            p, share = old[i, d], error[i, d] / whole
-            order[k, d] = p
-            if not error[i, d] > goal[k]:
-                continue
-            # Spectra of entire functions fall ever faster: less than proportionally more will do.
-            growth = _GROWTH if p <= 16 else 1.0
-            wanted = p * (fall / math.log(min(share, 0.9))) ** growth
-            if not math.isfinite(wanted):
-                wanted = 1e9
-            wanted = max(wanted, p + 2.0)
-            order[k, d] = max(_rung(wanted), p)
-            hopeless = wanted > (1.5 if p < 20 else 1.1) * _TOP or p >= _TOP
-            if hopeless and (cut[k] < 0 or error[i, d] > error[i, cut[k]]):
-                cut[k] = d
-        if cut[k] < 0:
+def _choose(goal, error, size, old, order):
+    """Fill the new orders of a cell; return the direction along which it is cut, or -1."""
+    whole = max(size, 1e-300)
+    fall = math.log(goal / whole)
+    cut = -1
+    for d in range(2):
+        p, share = old[d], error[d] / whole
+        order[d] = p
+        if not error[d] > goal:
             continue
+        # Spectra of entire functions fall ever faster: less than proportionally more will do.
+        growth = _GROWTH if p <= 16 else 1.0
+        wanted = p * (fall / math.log(min(share, 0.9))) ** growth
+        if not math.isfinite(wanted):
+            wanted = 1e9
+        wanted = max(wanted, p + 2.0)
+        order[d] = max(_rung(wanted), p)
+        hopeless = wanted > (1.5 if p < 20 else 1.1) * _TOP or p >= _TOP
+        if hopeless and (cut < 0 or error[d] > error[cut]):
+            cut = d
+    if cut >= 0:
         # A half needs fewer nodes along the cut, and what was planned across it.
-        order[k, cut[k]] = min(max(old[i, cut[k]], 8), 20)
-        d = 1 - cut[k]
-        p, share = old[i, d], max(error[i, d] / whole, 1e-25)
-        if error[i, d] < 1e-3 * goal[k]:
+        order[cut] = min(max(old[cut], 8), 20)
+        d = 1 - cut
+        p, share = old[d], max(error[d] / whole, 1e-25)
+        if error[d] < 1e-3 * goal:
             # A direction that was resolved far too well may use fewer nodes.
             enough = 1.3 * p * fall / math.log(share) + 2.0
-            order[k, d] = min(_rung(max(enough, 10.0)), p)
+            order[d] = min(_rung(max(enough, 10.0)), p)
+    return cut
 
 
 def _halves() -> tuple[np.ndarray, np.ndarray]:
     """Matrices that give the moments of a cell from those of its two halves."""
-    degrees = 2.0 * np.arange(_MOMENTS) + 1.0
+    degrees = 2.0 * np.arange(MOMENTS) + 1.0
     basis = np.polynomial.legendre.Legendre.basis
     middle = np.polynomial.legendre.Legendre.identity()
     matrices = []
     for side in (-0.5, 0.5):
         # P_k of the whole, written in the polynomials of the half.
-        whole = [basis(k)(0.5 * middle + side).coef for k in range(_MOMENTS)]
-        square = np.array([np.pad(row, (0, _MOMENTS - row.size)) for row in whole])
+        whole = [basis(k)(0.5 * middle + side).coef for k in range(MOMENTS)]
+        square = np.array([np.pad(row, (0, MOMENTS - row.size)) for row in whole])
         matrices.append((square / degrees * degrees[:, None]).T)
     return matrices[0], matrices[1]
 
@@ -453,11 +372,11 @@ def _distance(k, other, cut, new, old):
     """How far moments moved: those of a cell, or of its two halves, from `old`."""
     moved = 0.0
     for d in range(2):
-        for r in range(_MOMENTS):
+        for r in range(MOMENTS):
             total = new[k, d, r]
             if cut == d:
                 total = 0.0
-                for q in range(_MOMENTS):
+                for q in range(MOMENTS):
                     total += new[k, d, q] * _LEFT[q, r] + new[other, d, q] * _RIGHT[q, r]
             elif cut >= 0:
                 total += new[other, d, r]
@@ -467,7 +386,7 @@ def _distance(k, other, cut, new, old):
     return moved
 
 
-def _audit(cells: _Cells, children: _Cells, work: _Work, doubt: np.ndarray) -> None:
+def _audit(cells: Cells, children: Cells, work: _Work, doubt: np.ndarray) -> None:
     """Judge old bounds and new ones by what moved when cells were computed again.
 
     Raises the doubt of rows in whose cells a bound was passed, and mends the errors of children.
@@ -532,47 +451,14 @@ def _compare(
             tight[k] = max(tight[k], least)
 
 
-def _probe(
-    chart: Chart, integrand: Integrand, geometry: np.ndarray, cells: _Cells, n: int, nodes: int
-) -> np.ndarray:
-    """How far the integral moves when every direction at the nodes moves by an ulp."""
-    rule = gauss(nodes)
-    weights = np.outer(rule.weights, rule.weights).ravel()
-    shift = np.zeros(n)
-    step = max(1, _BLOCK // (nodes * nodes))
-    # Opposite signs on h's tangential and normal parts move every slope the same way.
-    up, down = 1.0 + _EPS, 1.0 - _EPS
-    for first in range(0, cells.row.size, step):
-        block = slice(first, first + step)
-        row = cells.row[block]
-        wi, wo, h, weight = chart.nodes(
-            geometry[row], cells.code[block], cells.box[block], rule.nodes, rule.nodes
-        )
-        before = integrand(row, wi, wo, h)
-        wi = wi * np.array([up, down, up])[:, None]
-        wo = wo * np.array([down, up, up])[:, None, None]
-        h = h * np.array([up, up, down])[:, None, None]
-        moved = np.abs(integrand(row, wi, wo, h) - before) * np.abs(weight) @ weights
-        shift += np.bincount(row, weights=moved, minlength=n)
-    return shift
-
-
 def compile_kernels(charts: Iterable[Chart]) -> None:
-    """Compile the nodes of charts and the kernels of this room, by calling them with no cells.
+    """Compile the nodes of charts and what integrates, by calling it with no cells.
 
     The panels of a chart are left out: another process works on them meanwhile.
     """
     none = np.empty(0, int)
-    cells = _Cells.blank(none, np.empty((0, 6), int), np.empty((0, 6)), np.empty((0, 2), int))
-    rule, values = gauss(8), np.empty((0, 64))
-    _reduce(
-        *(none, values, values, rule.weights, rule.weights),
-        *(rule.to_coefficients, rule.to_coefficients),
-        *(cells.value, cells.error, cells.tight, cells.size, cells.moments),
-    )
-    work = _Work(none, np.empty((0, 2), int), none)
-    _choose(none, np.empty(0), cells.error, cells.size, cells.order, work.order, work.cut)
+    cells = Cells.blank(none, np.empty((0, 6), int), np.empty((0, 6)), np.empty((0, 2), int))
+    active, spent = np.ones(1, dtype=bool), np.zeros(1, dtype=int)
+    work = _plan(cells, np.ones(1), active, spent, spent, spent)
     _audit(cells, work.children(cells), work, np.ones(1))
-    # Last: by now the kernels that they share with the panels are on disk.
-    for chart in charts:
-        chart.nodes(np.empty((0, 1)), cells.code, cells.box, rule.nodes, rule.nodes)
+    compile_cells(charts)
