@@ -217,7 +217,9 @@ class Schlick(Model):
             stretch = isotropy if self.azimuth == "normalised" else math.sqrt(isotropy)
             if b > 0.0:
                 plain = self.form == "plain"
-                chart = PolarChart("slope") if plain else PolarChart("slope", edge=2, origin=2)
+                chart = PolarChart("slope")
+                if not plain:
+                    chart = PolarChart("slope", edge=2, origin=2, layer=2)
                 widths = (math.sqrt(r) * stretch, math.sqrt(r))
                 parts.append(Part("specular" + suffix, fills[k][0], chart, widths))
             if a > 0.0 or residual > 0.0:

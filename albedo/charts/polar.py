@@ -48,9 +48,11 @@ KINDS = {
 }
 KINKS = {"none": 0, "max": 1, "v_cavity": 2}
 DECAYS = {"algebraic": 0, "gaussian": 1, "cosine_power": 2}
+# A heavy tail with a layer along all of the horizon: its core is no panel of its own.
+_LAYERED = 3
 
 # Angular layers thinner than this weigh less than the rounding error.
-_THINNEST_LAYER = 1e-17
+_LAYEREDNEST_LAYER = 1e-17
 # Below this cosine of incidence the layer n.v ~ n.l along the horizon gets a panel of its own.
 _LAYERED_EDGE = 0.05
 # Power that clusters nodes at a corner where a kink, or the lobe's end, meets an edge with a root.
@@ -80,6 +82,9 @@ class PolarChart(CompiledChart):
     full : bool
         Integrate over all half vectors in the hemisphere seen from L, also those whose V is
         below the horizon (for energies lost rather than reflected). Slopes only.
+    layer : {0, 1, 2}
+        For heavy tails without kinks: the horizon has a layer at any azimuth, where n.v is this
+        power of the lobe's width. 0: only where the tail alone reaches the horizon.
     """
 
     kind: str
@@ -88,6 +93,7 @@ class PolarChart(CompiledChart):
     edge: int = 1
     origin: int = 1
     full: bool = False
+    layer: int = 0
 
     def panels(
         self,
@@ -115,7 +121,7 @@ class PolarChart(CompiledChart):
 
         Returns
         -------
-        geometry : ndarray, shape (n, 13)
+        geometry : ndarray, shape (n, 14)
             What `nodes` needs of each row.
         row : ndarray of int, shape (m,)
             Row to which each panel belongs.
@@ -136,13 +142,16 @@ class PolarChart(CompiledChart):
         slant = (wx / wy * cp * cp + wy / wx * sp * sp) / norm
         with np.errstate(divide="ignore"):
             # A heavy tail feels the horizon at all scales up to half vectors of slope 1.
-            reach = np.maximum(slant, 1.0) if DECAYS[self.decay] == 0 else slant
+            reach = np.maximum(slant, 1.0) if self.decay == "algebraic" else slant
             layer = np.where(s > 0, c / (s * reach), np.inf)
         geometry = np.column_stack(
             (
                 *(c, s, np.cos(phi), np.sin(phi), cp, sp, wx, wy),
-                *(-sp / wx / norm, cp / wy / norm, slant, np.clip(layer, _THINNEST_LAYER, 10.0)),
-                self._grades_edge(c, np.minimum(wx, wy)),
+                *(-sp / wx / norm, cp / wy / norm, slant, np.clip(layer, _LAYEREDNEST_LAYER, 10.0)),
+                *(
+                    self._grades_edge(c, np.minimum(wx, wy)),
+                    wy * wy if self.layer == 2 else np.zeros_like(c),
+                ),
             )
         )
         quadrants = 2 if isotropic else 4
@@ -159,14 +168,14 @@ class PolarChart(CompiledChart):
 
     def _grades_edge(self, c: np.ndarray, width: np.ndarray) -> np.ndarray:
         """1 where the lobe reaches the horizon and n.v = n.l lies in a thin layer along it."""
-        whole = DECAYS[self.decay] == 0 or (width > 0.1)
+        whole = self.decay == "algebraic" or (width > 0.1)
         reaches = self.kind in ("slope", "mirror_hemisphere", "retro_hemisphere") and not self.full
         return np.where((c < _LAYERED_EDGE) & whole & reaches, 1.0, 0.0)
 
     @property
     def _structure(self) -> tuple[int, int, int, bool]:
-        kind = KINDS[self.kind]
-        return kind, KINKS[self.kinks], DECAYS[self.decay], self.full
+        decay = _LAYERED if self.layer else DECAYS[self.decay]
+        return KINDS[self.kind], KINKS[self.kinks], decay, self.full
 
     @property
     def layout(self) -> tuple[Kernel, np.ndarray]:
@@ -274,15 +283,16 @@ def _scale(c, big_t, width, kind, decay):
     if kind == 5:
         t = width / (c * math.sqrt(1.0 + big_t * big_t))
         return t / math.sqrt(1.0 + t * t)
-    return min(width, 1.0) * (0.5 if decay == 0 else 1.0)
+    return min(width, 1.0) * (0.5 if decay == 0 or decay == _LAYERED else 1.0)
 
 
 @kernel
-def _edge_layer(big_t, c, width):
+def _edge_layer(big_t, c, width, thin):
     """Distance from the horizon, in tan(delta/2), at which n.v is about n.l or the width.
 
-    Masking sets in where n.v falls below the width of the lobe.
+    Masking sets in where n.v falls below the width of the lobe, or below `thin` if that is not 0.
     """
+    width = thin if thin > 0.0 else width
     return max(0.5 * width / math.hypot(width, c) / math.sqrt(1.0 + big_t * big_t), 1e-17)
 
 
@@ -453,7 +463,7 @@ def _measure(g, quadrant, u0, u1, samples, layered, kind, kinks, decay, full, b,
         inner, pattern = _breaks(c, big_t, width, kind, kinks, decay, full, b)
         scale = _scale(c, big_t, width, kind, decay)
         tail = decay == 0 and pattern % 256 > 0
-        graded = layered or (tail and not full)
+        graded = layered or decay == _LAYERED or (tail and not full)
         edge_panel = -1
         if graded:
             _split_edge(b, inner)
@@ -468,7 +478,7 @@ def _measure(g, quadrant, u0, u1, samples, layered, kind, kinks, decay, full, b,
             size[j] = max(size[j], b[j + 1] - b[j])
             folds = math.asinh(b[j + 1] / scale) - math.asinh(b[j] / scale)
             if j == edge_panel:
-                folds = math.asinh((b[j + 1] - b[j]) / _edge_layer(big_t, c, width))
+                folds = math.asinh((b[j + 1] - b[j]) / _edge_layer(big_t, c, width, g[13]))
             span[j] = max(span[j], folds)
     return inner, pattern, graded
 
@@ -609,7 +619,7 @@ def _nodes(geometry, code, box, u, v, numbers, wi, wo, h, weight):
                 b[1] = b[found]  # one panel over all kinks (budget too small to split)
             at_edge = graded and j == edge_panel
             if at_edge:
-                scale = _edge_layer(big_t, c, width)
+                scale = _edge_layer(big_t, c, width, g[13])
                 s0 = math.asinh((b[j + 1] - b[j]) / scale)
                 s1 = 0.0
             else:
