@@ -236,8 +236,11 @@ def _rows(
     converged = np.ones(n, dtype=bool)
     contributions: dict[str, Estimate] = {}
     spike = _spikes(distinct, which, cos_theta, phi)
-    # What a Dirac part sends is known: the parts beside it need no more digits than the sum.
-    known = np.zeros(n) if spike is None or complement else options["rtol"] * np.abs(spike.value)
+    # What the parts found so far may still err by, for the sum of all to have its digits: a part
+    # that adds little needs few. Nothing is negative.
+    slack = np.zeros(n)
+    if spike is not None and not complement:
+        slack += np.maximum(options["rtol"] * spike.value - spike.error, 0.0)
     direct = np.zeros(n, dtype=bool)
     for members in batches.values():
         rows = np.flatnonzero(np.isin(which, members))
@@ -250,7 +253,7 @@ def _rows(
         for k, part in enumerate(parts):
             widths = np.array([prepared[j][0][k].widths for j in members])[place]
             scale = np.array([prepared[j][0][k].scale for j in members])[place]
-            share["atol"] = np.maximum(options["atol"], known[rows] / len(parts))
+            share["atol"] = np.maximum(options["atol"], slack[rows])
             doubt = np.empty(rows.size)
             for i, j in enumerate(members):
                 own, at = prepared[j][0][k].doubt, place == i
@@ -267,6 +270,9 @@ def _rows(
             )
             value[rows] += result.value
             error[rows] += result.error
+            if not complement:
+                gained = options["rtol"] * np.maximum(result.value - result.error, 0.0)
+                slack[rows] = np.maximum(slack[rows] + gained - result.error, 0.0)
             evaluations[rows] += result.evaluations
             converged[rows] &= result.converged
             piece = contributions.setdefault(part.name, _zeros(n))

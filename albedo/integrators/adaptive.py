@@ -40,6 +40,9 @@ _ROUNDINGS = 40.0
 _ROUNDS = 60
 _UNSELECTED = 1
 _GROWTH = 0.65
+# Rows of more panels than this are first seen with few nodes: at grazing angles most panels hold
+# next to nothing. Fewer than six coefficients tell of no fall, only of the size.
+_CROWD, _GLANCE = 16, 5
 # What moved, times this, bounds the error of the finer rule, and the fall that it may claim.
 _TRUST = 8.0
 
@@ -112,8 +115,8 @@ def integrate(
     m = row.size
     first = np.full((m, 2), order)
     if order == start:
-        # The core of a lobe (inner panel 0) is steeper along v than along u.
-        first += np.where((code[:, 1] == 0)[:, None], (-2, 4), (-2, 0))
+        first = _start_orders(start, code)
+        first[per_row[row] > _CROWD] = _GLANCE
     cells = Cells.blank(row, code, box, first)
     spent = np.bincount(row, weights=first.prod(1), minlength=n).astype(int)
     evaluate(chart, integrand, geometry, cells)
@@ -128,7 +131,8 @@ def integrate(
         if not active.any():
             break
         allowed = 0.25 * target / doubt
-        work = _plan(cells, allowed, active, limit - spent - (2 * leaves + 4), spent, rounds)
+        budget = limit - spent - (2 * leaves + 4)
+        work = _plan(cells, allowed, active, budget, spent, rounds, start)
         if work.parent.size == 0:
             # Only rounding stands above what was asked for, or nothing can be paid for.
             break
@@ -182,6 +186,11 @@ def _sums(cells: Cells, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.
         np.bincount(cells.row, weights=cells.size, minlength=n),
         np.maximum(np.bincount(cells.row, minlength=n), 1),
     )
+
+
+def _start_orders(start: int, code: np.ndarray) -> np.ndarray:
+    """Orders that cells begin with: the core of a lobe (inner panel 0) is steeper along v."""
+    return start + np.where((code[:, 1] == 0)[:, None], (-2, 4), (-2, 0))
 
 
 @dataclass
@@ -239,6 +248,7 @@ def _plan(
     budget: np.ndarray,
     spent: np.ndarray,
     rounds: np.ndarray,
+    start: int,
 ) -> _Work:
     """Choose, for the cells whose errors a row cannot afford, a higher order or a cut.
 
@@ -249,10 +259,11 @@ def _plan(
     m = cells.row.size
     total = cells.error[:, 0] + cells.error[:, 1]
     place = np.lexsort((total, cells.row))
-    start = np.concatenate(([0], np.cumsum(np.bincount(cells.row, minlength=active.size))))
+    ends = np.concatenate(([0], np.cumsum(np.bincount(cells.row, minlength=active.size))))
+    usual = _start_orders(start, cells.code)
     parent, order, cut = np.empty(m, dtype=int), np.empty((m, 2), dtype=int), np.empty(m, dtype=int)
     count = _choose_all(
-        *(start, place, total, cells.error, cells.size, cells.order, allowed, active, budget),
+        *(ends, place, total, cells.error, cells.size, cells.order, usual, allowed, active, budget),
         *(spent, rounds, parent, order, cut),
     )
     return _Work(parent[:count], order[:count], cut[:count])
@@ -260,12 +271,13 @@ def _plan(
 
 @kernel
 def _choose_all(
-    start,
+    ends,
     place,
     total,
     error,
     size,
     old,
+    usual,
     allowed,
     active,
     budget,
@@ -277,13 +289,13 @@ def _choose_all(
 ):
     """Fill parent, order and cut; return how many cells are to be computed again.
 
-    `place` has the cells of every row from the smallest error on, those of row r from start[r].
+    `place` has the cells of every row from the smallest error on, those of row r from ends[r].
     """
     count = 0
     for r in range(active.size):
         if not active[r]:
             continue
-        first, last = start[r], start[r + 1]
+        first, last = ends[r], ends[r + 1]
         # Added up from the smallest on, so that none is rounded away; NaN counts as too much.
         running = 0.0
         while first < last:
@@ -295,7 +307,10 @@ def _choose_all(
         paid = 0
         for j in range(last - 1, first - 1, -1):
             i = place[j]
-            cut[count] = _choose(goal, error[i], size[i], old[i], order[count])
+            cut[count] = -1
+            order[count, 0], order[count, 1] = usual[i, 0], usual[i, 1]
+            if max(old[i, 0], old[i, 1]) > _GLANCE:
+                cut[count] = _choose(goal, error[i], size[i], old[i], order[count])
             cost = order[count, 0] * order[count, 1] * (2 if cut[count] >= 0 else 1)
             if paid + cost > budget[r]:
                 break
@@ -434,7 +449,7 @@ def _compare(
         growth = math.inf
         for d in range(2):
             ratio = order[k, d] / old_order[i, d]
-            if ratio > 1.0:
+            if ratio > 1.0 and old_order[i, d] > _GLANCE:
                 growth = min(growth, ratio)
             if ratio >= 1.2 or cut[k] == d:
                 # Along a direction that became finer, the new error is not worse than the old.
@@ -459,6 +474,6 @@ def compile_kernels(charts: Iterable[Chart]) -> None:
     none = np.empty(0, int)
     cells = Cells.blank(none, np.empty((0, 6), int), np.empty((0, 6)), np.empty((0, 2), int))
     active, spent = np.ones(1, dtype=bool), np.zeros(1, dtype=int)
-    work = _plan(cells, np.ones(1), active, spent, spent, spent)
+    work = _plan(cells, np.ones(1), active, spent, spent, spent, 12)
     _audit(cells, work.children(cells), work, np.ones(1))
     compile_cells(charts)
