@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +21,10 @@ from numpy.typing import ArrayLike
 from albedo.directions import half_vector, unit_vectors
 from albedo.errors import InputError
 from albedo.grammar import format_value
+
+if TYPE_CHECKING:
+    from albedo.sampling.mixture import Sample
+    from albedo.sampling.routines import Routine
 
 Kernel = Callable[..., Any]
 
@@ -231,6 +235,10 @@ class Part:
     doubt : float or callable
         Relative error of the values where numbers in them were computed with an error. A callable
         is called with the cosines of light directions; with None it gives the worst of all.
+    routine : Routine, optional
+        How to draw directions for this lobe; by default what the chart and the widths suggest.
+    share : float
+        Of all draws, relative to the shares of the other parts.
     """
 
     name: str
@@ -242,6 +250,8 @@ class Part:
     columns: tuple[int, int | None] = (0, None)
     scale: float = 1.0
     doubt: float | Callable[[np.ndarray | None], Any] = 0.0
+    routine: Routine | None = None
+    share: float = 1.0
 
     def packed(self, rows: np.ndarray) -> np.ndarray:
         """What the kernels of this part see of packed parameters (rows, k)."""
@@ -484,3 +494,52 @@ class Model:
                 part.fill(wi_k, wo_k, h_k, part.packed(p), out)
                 total[above] += part.scale * out[:, 0]
         return total.reshape(shape)
+
+    def sample(self, u: ArrayLike, wi: ArrayLike) -> Sample:
+        """Draw view directions for light directions, from points of the unit square.
+
+        Parameters
+        ----------
+        u : array_like, shape (..., 2)
+            Points in [0, 1).
+        wi : array_like, shape (..., 3)
+            Unit vectors to the light, above the horizon; leading axes broadcast with those of `u`.
+
+        Returns
+        -------
+        Sample
+            Directions ``wo``, densities ``pdf`` in 1/sr, and weights f n.v/pdf, whose mean is the
+            directional albedo. A draw below the horizon has the weight 0; a Dirac part that was
+            drawn has the density inf and its energy over its probability as weight.
+
+        Raises
+        ------
+        InputError
+            When `u` or `wi` is out of range, shapes do not broadcast, or the model has channels.
+        """
+        from albedo.sampling.mixture import draw
+
+        return draw(self, u, wi)
+
+    def pdf(self, wi: ArrayLike, wo: ArrayLike) -> np.ndarray:
+        """The density in 1/sr with which `sample` draws `wo`, Dirac parts left out.
+
+        Parameters
+        ----------
+        wi, wo : array_like, shape (..., 3)
+            Unit vectors; leading axes broadcast.
+
+        Returns
+        -------
+        ndarray, shape (...)
+            It integrates, over the upper hemisphere, to the probability that a draw lies above the
+            horizon and is no Dirac part.
+
+        Raises
+        ------
+        InputError
+            As `sample`.
+        """
+        from albedo.sampling.mixture import density
+
+        return density(self, wi, wo)

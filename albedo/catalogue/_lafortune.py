@@ -9,6 +9,7 @@ from albedo._compile import kernel
 from albedo.catalogue._phong import mirror_chart, mirror_width
 from albedo.charts.axis import AxisChart
 from albedo.geometry import cosine_power, mirror_offset2
+from albedo.sampling.routines import Routine, axis_power, mirror_power
 
 COLUMNS = 10
 """How many packed numbers a lobe has."""
@@ -70,3 +71,8 @@ def lobe_layout(c: tuple[float, float, float], n: float) -> tuple[Any, tuple[flo
         return mirror_chart(n), (mirror_width(n),) * 2
     width = 1.0 / math.sqrt(max(n, 1e-6))
     return AxisChart(c, edge=4 if n < 1.0 else 2 if n < 3.0 else 1), (width, width)
+
+
+def lobe_routine(c: tuple[float, float, float], n: float) -> Routine:
+    """How to draw directions of a lobe."""
+    return mirror_power(n) if is_mirror(c) else axis_power(c, n)

@@ -10,6 +10,7 @@ from albedo.catalogue._blinn import slope_chart, slope_width
 from albedo.charts.cosine import CosineChart
 from albedo.fresnel import schlick
 from albedo.geometry import normal_power, v_dot_h
+from albedo.sampling.routines import normal_powers
 
 
 @kernel
@@ -90,7 +91,8 @@ class AshikhminShirley(Model):
         if self.specular == "paper":
             chart = slope_chart(min(self.n_u, self.n_v), "max")
             widths = (slope_width(self.n_u), slope_width(self.n_v))
-            parts.append(Part("specular", fill_specular, chart, widths))
+            routine = normal_powers(self.n_u, self.n_v)
+            parts.append(Part("specular", fill_specular, chart, widths, routine=routine))
         if self.diffuse != "none" and self.r_d > 0.0:
             parts.append(Part("diffuse", fill_diffuse, CosineChart()))
         return tuple(parts)

@@ -8,6 +8,7 @@ from albedo._compile import kernel
 from albedo.brdf import Choice, Model, Part, Real
 from albedo.catalogue._blinn import slope_chart, slope_width
 from albedo.geometry import normal_power, slope2
+from albedo.sampling.routines import normal_powers
 
 
 @kernel
@@ -56,4 +57,5 @@ class Blinn(Model):
         return (self.n, self.rho_s * constant)
 
     def parts(self) -> tuple[Part, ...]:
-        return (Part("specular", fill, slope_chart(self.n), (slope_width(self.n),) * 2),)
+        widths, routine = (slope_width(self.n),) * 2, normal_powers(self.n, self.n)
+        return (Part("specular", fill, slope_chart(self.n), widths, routine=routine),)

@@ -24,6 +24,13 @@ from albedo.microfacet import (
     smith_lambda,
     v_cavity,
 )
+from albedo.sampling.routines import (
+    Routine,
+    gaussian_normals,
+    ggx_normals,
+    normal_powers,
+    visible_normals,
+)
 
 
 @kernel
@@ -245,4 +252,18 @@ class CookTorrance(FresnelChoice):
         chart = PolarChart("slope", kinks, kind, edge, origin, layer=layer)
         known = self._exact_masking and self.prefactor == "1/4" and not self._as_printed
         whole = PolarChart("slope", kinks, kind, edge, origin, full=True)
-        return (Part("specular", fill, chart, (ax, ay), loss if known else None, whole),)
+        lost = loss if known else None
+        return (Part("specular", fill, chart, (ax, ay), lost, whole, routine=self._routine()),)
+
+    def _routine(self) -> Routine:
+        """Visible normals where the masking is Smith's own, else normals."""
+        kind, (ax, ay) = self.distribution, self._sharpness
+        if kind not in _WIDTHS:
+            # D n.h is one power more than D.
+            return normal_powers(ax + 1.0, ay + 1.0)
+        if kind in ("beckmann", "ggx") and self.geometry in ("smith", "smith_correlated"):
+            return visible_normals(kind, ax, ay)
+        if kind == "beckmann":
+            return gaussian_normals(ax, ay)
+        # The Gaussian of an angle falls as slowly as GGX where it is wide.
+        return ggx_normals(ax, ay)

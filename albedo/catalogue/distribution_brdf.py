@@ -21,6 +21,7 @@ from albedo.errors import InputError
 from albedo.fresnel import fresnel
 from albedo.geometry import v_dot_h
 from albedo.microfacet import DISTRIBUTIONS, distribution
+from albedo.sampling.routines import COSINE, gaussian_normals, ggx_normals, normal_powers
 
 _VELVET = -1
 
@@ -298,17 +299,20 @@ class DistributionBrdf(FresnelChoice):
                 ),
             )
         if kind == "velvet":
-            return (Part("specular", fill, PolarChart("slope", edge=2, origin=2), (1.0, 1.0)),)
+            chart = PolarChart("slope", edge=2, origin=2)
+            return (Part("specular", fill, chart, (1.0, 1.0), routine=COSINE),)
         if kind == "blinn_phong":
             widths = (slope_width(self.n),) * 2
-            return (Part("specular", fill, slope_chart(self.n), widths),)
+            routine = normal_powers(self.n, self.n)
+            return (Part("specular", fill, slope_chart(self.n), widths, routine=routine),)
         ax, ay = self.alpha_x, self.alpha_y
         cut = kind == "beckmann" and max(ax, ay) <= 1.0
         # Measured: up to seven times fewer evaluations for elliptic lobes.
         layer = 1 if kind == "ggx" and ax != ay else 0
         decay = "gaussian" if cut else "algebraic"
         chart = PolarChart("slope", decay=decay, origin=2, layer=layer)
-        return (Part("specular", fill, chart, (ax, ay)),)
+        routine = ggx_normals(ax, ay) if kind == "ggx" else gaussian_normals(ax, ay)
+        return (Part("specular", fill, chart, (ax, ay), routine=routine),)
 
 
 def solid_angle(kind: str, m: float) -> float:

@@ -7,6 +7,7 @@ import math
 from albedo._compile import kernel
 from albedo.brdf import Choice, Model, Part, Real
 from albedo.catalogue._oren_nayar import CHART, fujii
+from albedo.sampling.routines import Routine
 
 K1 = 0.5 - 2.0 / (3.0 * math.pi)
 K1_LESS_K2 = 6.0 / (5.0 * math.pi) - 1.0 / 6.0
@@ -50,6 +51,70 @@ def fill(wi, wo, h, p, out):
             out[j, i] = single + scale * light * view
 
 
+@kernel
+def _transform(r, mu):
+    """Share of uniform draws, and the four entries a, b, c, d of the linear transform."""
+    share = r**0.1 * (0.162925 + mu * (-0.372058 + (0.538233 - 0.290822 * mu) * mu))
+    a = 1.0 + r * (0.303392 + (-0.518982 + 0.111709 * mu) * mu + (-0.276266 + 0.335918 * mu) * r)
+    b = r * (-1.16407 + 1.15859 * mu + (0.150815 - 0.150105 * mu) * r) / (mu**3 - 1.43545)
+    c = 1.0 + (0.20013 + (-0.506373 + 0.261777 * mu) * mu) * r
+    d = r * (0.540852 + (-1.01625 + 0.475392 * mu) * mu)
+    return share, a, b, c, d / (-1.0743 + mu * (0.0725628 + mu))
+
+
+@kernel
+def draw(wi, u, q, wo, h):
+    """A clipped linear transform of the cosine, or one uniform direction in `share` draws."""
+    for k in range(wo.shape[1]):
+        lx, ly, lz = wi[0, k], wi[1, k], wi[2, k]
+        share, a, b, c, d = _transform(q[k, 0], lz)
+        s = math.sqrt(lx * lx + ly * ly)
+        cos_phi, sin_phi = (lx / s, ly / s) if s > 0.0 else (1.0, 0.0)
+        # Of the disk, the part that the transform sends above the horizon.
+        half = 0.5 * (1.0 + 1.0 / math.sqrt(d * d + 1.0))
+        for i in range(wo.shape[2]):
+            first, turn = u[0, k, i], 2.0 * math.pi * u[1, k, i]
+            if first < share:
+                z = 1.0 - first / share
+                rho = math.sqrt((1.0 - z) * (1.0 + z))
+                x, y = rho * math.cos(turn), rho * math.sin(turn)
+            else:
+                rho = math.sqrt((first - share) / (1.0 - share))
+                x, y = rho * math.cos(turn), rho * math.sin(turn)
+                x = -((1.0 - half) * math.sqrt(1.0 - y * y) + half * x)
+                z = math.sqrt(max(1.0 - x * x - y * y, 0.0))
+                x, y, z = a * x + b * z, c * y, d * x + z
+                length = math.sqrt(x * x + y * y + z * z)
+                x, y, z = x / length, y / length, z / length
+            wo[0, k, i] = x * cos_phi - y * sin_phi
+            wo[1, k, i] = x * sin_phi + y * cos_phi
+            wo[2, k, i] = z
+            for j in range(3):
+                h[j, k, i] = wi[j, k] + wo[j, k, i]
+
+
+@kernel
+def density(wi, wo, h, q, out):
+    """share/(2 pi) + (1 - share) (det/|w|^2)^2 max(w.z, 0)/(pi half), w the direction before."""
+    for k in range(out.shape[0]):
+        lx, ly, lz = wi[0, k], wi[1, k], wi[2, k]
+        share, a, b, c, d = _transform(q[k, 0], lz)
+        s = math.sqrt(lx * lx + ly * ly)
+        cos_phi, sin_phi = (lx / s, ly / s) if s > 0.0 else (1.0, 0.0)
+        half = 0.5 * (1.0 + 1.0 / math.sqrt(d * d + 1.0))
+        determinant = c * (a - b * d)
+        for i in range(out.shape[1]):
+            x = wo[0, k, i] * cos_phi + wo[1, k, i] * sin_phi
+            y = -wo[0, k, i] * sin_phi + wo[1, k, i] * cos_phi
+            z = wo[2, k, i]
+            out[k, i] = 0.0
+            if z > 0.0:
+                wx, wy, wz = c * (x - b * z), (a - b * d) * y, -c * (d * x - a * z)
+                scale = determinant / (wx * wx + wy * wy + wz * wz)
+                own = scale * scale * max(wz, 0.0) / (math.pi * half)
+                out[k, i] = share * 0.5 / math.pi + (1.0 - share) * own
+
+
 class Eon(Model):
     """f = f_ss + f_ms, energy-preserving Oren-Nayar (Portsmouth et al. 2024).
 
@@ -89,4 +154,5 @@ class Eon(Model):
         )
 
     def parts(self) -> tuple[Part, ...]:
-        return (Part("diffuse", fill, CHART),)
+        routine = Routine("transformed cosine", draw, density, (self.r,), "Portsmouth et al. 2024")
+        return (Part("diffuse", fill, CHART, routine=routine),)

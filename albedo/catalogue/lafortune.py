@@ -7,7 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from albedo.brdf import Model, Part, Real, Vectors
-from albedo.catalogue._lafortune import COLUMNS, fill, lobe_layout, lobe_numbers, log_largest
+from albedo.catalogue._lafortune import (
+    COLUMNS,
+    fill,
+    lobe_layout,
+    lobe_numbers,
+    lobe_routine,
+    log_largest,
+)
 from albedo.catalogue.lambert import fill as fill_diffuse
 from albedo.charts.cosine import CosineChart
 from albedo.errors import InputError
@@ -95,7 +102,8 @@ class Lafortune(Model):
             chart, widths = lobe_layout((c_x, c_y, c_z), n)
             columns = (1 + COLUMNS * k, 1 + COLUMNS * (k + 1))
             name = "specular" if len(self.lobes) == 1 else f"lobe_{k + 1}"
-            parts.append(Part(name, fill, chart, widths, columns=columns))
+            routine = lobe_routine((c_x, c_y, c_z), n)
+            parts.append(Part(name, fill, chart, widths, columns=columns, routine=routine))
         if self.rho_d > 0.0:
             diffuse = Part("diffuse", fill_diffuse, CosineChart(), columns=(0, 1))
             parts.append(diffuse)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from albedo.brdf import Model, Part, Real
-from albedo.catalogue._lafortune import fill, lobe_layout, lobe_numbers
+from albedo.catalogue._lafortune import fill, lobe_layout, lobe_numbers, lobe_routine
 from albedo.catalogue.lafortune import Lafortune
 
 
@@ -42,4 +42,5 @@ class LafortuneScaled(Model):
     def parts(self) -> tuple[Part, ...]:
         _, error = self.normalization
         layout = lobe_layout((-1.0, -1.0, self.s), self.n)
-        return (Part("specular", fill, *layout, doubt=error),)
+        routine = lobe_routine((-1.0, -1.0, self.s), self.n)
+        return (Part("specular", fill, *layout, doubt=error, routine=routine),)

@@ -8,6 +8,7 @@ from albedo._compile import kernel
 from albedo.brdf import Choice, Model, Part, Real
 from albedo.catalogue._phong import mirror_chart, mirror_width
 from albedo.geometry import cosine_power, mirror_offset2
+from albedo.sampling.routines import axis_power, mirror_power
 
 
 @kernel
@@ -64,4 +65,7 @@ class MaxPhong(Model):
     def parts(self) -> tuple[Part, ...]:
         kinks = "none" if self.p == 0.0 else "max"
         chart = mirror_chart(self.n, kinks, self.variant)
-        return (Part("specular", fill, chart, (mirror_width(self.n),) * 2),)
+        widths, routine = (mirror_width(self.n),) * 2, mirror_power(self.n)
+        if self.variant == "retro":
+            routine = axis_power((1.0, 1.0, 1.0), self.n)
+        return (Part("specular", fill, chart, widths, routine=routine),)

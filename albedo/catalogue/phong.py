@@ -8,6 +8,7 @@ from albedo._compile import kernel
 from albedo.brdf import Model, Part, Real
 from albedo.catalogue._phong import mirror_chart, mirror_width
 from albedo.geometry import cosine_power, mirror_offset2
+from albedo.sampling.routines import mirror_power
 
 
 @kernel
@@ -42,4 +43,6 @@ class Phong(Model):
         return (self.n, self.rho_s * (self.n + 2.0) / (2.0 * math.pi))
 
     def parts(self) -> tuple[Part, ...]:
-        return (Part("specular", fill, mirror_chart(self.n), (mirror_width(self.n),) * 2),)
+        widths = (mirror_width(self.n),) * 2
+        routine = mirror_power(self.n)
+        return (Part("specular", fill, mirror_chart(self.n), widths, routine=routine),)

@@ -15,6 +15,7 @@ from albedo.charts.cosine import CosineChart
 from albedo.errors import InputError
 from albedo.fresnel import schlick
 from albedo.geometry import normal_power, slope2, v_dot_h
+from albedo.sampling.routines import normal_powers
 
 LUMINANCE = (0.2126, 0.7152, 0.0722)
 """Weights of red, green and blue; the paper gives none."""
@@ -139,5 +140,6 @@ class Schwenk(Model):
         parts = [Part("diffuse", fill_diffuse, CosineChart())]
         if self.level != "4":
             e = exponent(self.smoothness)
-            parts.append(Part("specular", fill_specular, slope_chart(e), (slope_width(e),) * 2))
+            widths, routine = (slope_width(e),) * 2, normal_powers(e, e)
+            parts.append(Part("specular", fill_specular, slope_chart(e), widths, routine=routine))
         return tuple(parts)

@@ -11,6 +11,7 @@ from albedo.catalogue._phong import mirror_chart, mirror_width
 from albedo.charts.cosine import CosineChart
 from albedo.charts.parallels import ParallelsChart
 from albedo.geometry import cosine_power, mirror_offset2
+from albedo.sampling.routines import mirror_power
 
 SMOOTHEST = 0.999
 """The exponent 3/(1 - s) has no limit at s = 1."""
@@ -128,5 +129,8 @@ class Strauss(Model):
             chart = ParallelsChart(cap_elevation, (r_n,), layer=0.005 * math.pi)
         return (
             Part("diffuse", fill_diffuse, CosineChart()),
-            Part("specular", fill_specular, chart, (mirror_width(e),) * 2),
+            Part(
+                *("specular", fill_specular, chart, (mirror_width(e),) * 2),
+                routine=mirror_power(e),
+            ),
         )

@@ -1,0 +1,1 @@
+"""Drawing directions: routines for single lobes, and mixtures of them for whole models."""
