@@ -21,6 +21,8 @@ _HOME = {
     "model_from": "albedo.user",
     "directional_albedo": "albedo.quadrature",
     "average_albedo": "albedo.averages",
+    "monte_carlo_albedo": "albedo.integrators.monte_carlo",
+    "MonteCarloEstimate": "albedo.integrators.monte_carlo",
     "table": "albedo.tables",
     "Estimate": "albedo.estimate",
     "Model": "albedo.brdf",
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
     from albedo.catalogue import model, models
     from albedo.errors import ConvergenceWarning, DivergenceError, InputError
     from albedo.estimate import Estimate
+    from albedo.integrators.monte_carlo import MonteCarloEstimate, monte_carlo_albedo
     from albedo.quadrature import directional_albedo
     from albedo.tables import table
     from albedo.user import model_from
@@ -45,11 +48,13 @@ __all__ = [
     "Estimate",
     "InputError",
     "Model",
+    "MonteCarloEstimate",
     "average_albedo",
     "directional_albedo",
     "model",
     "model_from",
     "models",
+    "monte_carlo_albedo",
     "table",
 ]
 
