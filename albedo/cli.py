@@ -7,6 +7,7 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
@@ -132,6 +133,46 @@ PhiOption = Annotated[
     typer.Option("--phi", metavar="DEGREES", help="Azimuths of the incident direction, degrees."),
 ]
 RtolOption = Annotated[float, typer.Option(help="Relative tolerance.")]
+OptionalRtolOption = Annotated[
+    float | None,
+    typer.Option(
+        "--rtol",
+        help="Relative tolerance; with --method mc, the relative standard error to stop at.",
+        show_default="1e-8, or none with --method mc",
+    ),
+]
+MethodOption = Annotated[
+    str,
+    typer.Option(metavar="quadrature|mc", help="Quadrature with bounds, or Monte Carlo."),
+]
+SamplesOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NUMBER",
+        help="mc: draws per direction, such as 1e6; with --rtol, the most of them.",
+        show_default="1048576, or 1073741824 with --rtol",
+    ),
+]
+StrategyOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="model|cosine|uniform|mixture",
+        help="mc: what directions are drawn from.",
+        show_default="model",
+    ),
+]
+SequenceOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="random|stratified|sobol",
+        help="mc: points of the unit square.",
+        show_default="random",
+    ),
+]
+SeedOption = Annotated[
+    int | None,
+    typer.Option(help="mc: same seed, same numbers.", show_default="0"),
+]
 FixedOption = Annotated[str, typer.Option(metavar="light|view", help="The direction that is held.")]
 ComplementOption = Annotated[
     bool, typer.Option("--complement", help="One minus the albedo, without cancellation.")
@@ -250,7 +291,7 @@ def evaluate(
     cos: CosOption = None,
     theta: ThetaOption = None,
     phi: PhiOption = "0",
-    rtol: RtolOption = 1e-8,
+    rtol: OptionalRtolOption = None,
     fixed: FixedOption = "light",
     complement: ComplementOption = False,
     average: Annotated[
@@ -258,8 +299,13 @@ def evaluate(
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON with every digit.")] = False,
     as_csv: Annotated[bool, typer.Option("--csv", help="Print CSV with every digit.")] = False,
+    method: MethodOption = "quadrature",
+    samples: SamplesOption = None,
+    strategy: StrategyOption = None,
+    sequence: SequenceOption = None,
+    seed: SeedOption = None,
 ) -> None:
-    """Print albedos with their error bounds.
+    """Print albedos with their error bounds, or with the standard errors of Monte Carlo.
 
     Without --cos and --theta: 0, 15, 30, 45, 60, 75, 85 and 89 degrees. In JSON, numbers that
     are not finite are the strings "Infinity", "-Infinity" and "NaN".
@@ -270,6 +316,7 @@ def evaluate(
       albedo eval phong:n=1e6 --cos 1,0.5,1e-3 --rtol 1e-12
       albedo eval "ward:m=[.1,.2,.5]" --average
       albedo eval ward:alpha_x=0.1,alpha_y=0.3 --theta 60 --phi 0,45,90 --json
+      albedo eval ward:m=0.1 --theta 60 --method mc --samples 1e6 --sequence sobol --seed 7
     """
     import albedo
     from albedo.grammar import parse
@@ -277,6 +324,11 @@ def evaluate(
     if as_json and as_csv:
         raise InputError("Both --json and --csv are given; choose one.")
     spec = parse(model)
+    find = _method(method, rtol, samples, strategy, sequence, seed)
+    if method == "mc" and (average or complement):
+        option = "--average" if average else "--complement"
+        raise InputError(f"{option} is computed by quadrature and does not go with --method mc.")
+    tolerance = 1e-8 if rtol is None else rtol
     if average:
         given = [
             option
@@ -299,19 +351,13 @@ def evaluate(
             for channel, kind in enumerate(built.by_channel()):
                 number = None if kind is built else channel
                 if average:
-                    estimate = albedo.average_albedo(kind, rtol=rtol, fixed=fixed)
+                    estimate = albedo.average_albedo(kind, rtol=tolerance, fixed=fixed)
                     rows += _rows(label, number, "average albedo", estimate, None, None, None)
                     continue
                 quantity = "1 - albedo" if complement else "albedo"
                 for azimuth in azimuths:
-                    estimate = albedo.directional_albedo(
-                        kind,
-                        cosines,
-                        phi=_radians(azimuth),
-                        rtol=rtol,
-                        fixed=fixed,
-                        complement=complement,
-                    )
+                    options = {"complement": True} if complement else {}
+                    estimate = find(kind, cosines, phi=_radians(azimuth), fixed=fixed, **options)
                     rows += _rows(label, number, quantity, estimate, cosines, angles, azimuth)
             advance(done, spec.count)
     if as_json:
@@ -326,6 +372,50 @@ def evaluate(
         typer.echo(pd.DataFrame(rows).to_csv(index=False, lineterminator="\n"), nl=False)
     else:
         _print_rows(rows)
+
+
+def _method(
+    method: str,
+    rtol: float | None,
+    samples: str | None,
+    strategy: str | None,
+    sequence: str | None,
+    seed: int | None,
+    default_rtol: float = 1e-8,
+) -> Callable[..., Any]:
+    """What computes albedos: called with a model, cosines, and phi and fixed by name."""
+    import albedo
+    from albedo.grammar import parse_numbers
+
+    given = {
+        "--samples": samples,
+        "--strategy": strategy,
+        "--sequence": sequence,
+        "--seed": seed,
+    }
+    if method == "quadrature":
+        for option, value in given.items():
+            if value is not None:
+                raise InputError(f"{option} needs --method mc: quadrature draws nothing.")
+        return partial(albedo.directional_albedo, rtol=default_rtol if rtol is None else rtol)
+    if method != "mc":
+        raise InputError(f"--method {method} is unknown; choose quadrature or mc.")
+    count = None
+    if samples is not None:
+        numbers = parse_numbers(samples, "--samples")
+        if len(numbers) != 1 or numbers[0] % 1.0 != 0.0 or not 2.0 <= numbers[0] <= 1e15:
+            raise InputError(
+                f"--samples {samples} is out of range; it is a whole number from 2 to 1e15."
+            )
+        count = int(numbers[0])
+    return partial(
+        albedo.monte_carlo_albedo,
+        samples=count,
+        rtol=rtol,
+        strategy=strategy or "model",
+        sequence=sequence or "random",
+        seed=seed or 0,
+    )
 
 
 def _rows(
@@ -359,6 +449,9 @@ def _rows(
             row["evaluations"] = int(np.atleast_1d(item.evaluations)[index])
             row["converged"] = bool(np.atleast_1d(item.converged)[index])
             row["resolved_width"] = item.resolved_width
+            for name in ("reliable", "effective_samples", "below_horizon"):
+                if hasattr(item, name):
+                    row[name] = np.atleast_1d(getattr(item, name))[index].item()
             rows.append(row)
     return rows
 
@@ -507,7 +600,12 @@ def plot(
     phi: Annotated[
         float, typer.Option("--phi", help="Azimuth of the incident direction, degrees.")
     ] = 0.0,
-    rtol: RtolOption = 1e-6,
+    rtol: OptionalRtolOption = None,
+    method: MethodOption = "quadrature",
+    samples: SamplesOption = None,
+    strategy: StrategyOption = None,
+    sequence: SequenceOption = None,
+    seed: SeedOption = None,
 ) -> None:
     """Draw albedo curves of models and sweeps against the angle of incidence.
 
@@ -515,6 +613,7 @@ def plot(
     Examples:
       albedo plot ward:m=0.1 phong:n=150 cook_torrance:m=0.1 -o albedo.png
       albedo plot "ward:m=[.1,.2,.5]" --grazing --min-cos 1e-9 -o grazing.svg
+      albedo plot ward:m=0.1 --method mc --samples 1e4 -o noisy.png
     """
     from albedo import plotting
     from albedo.files import check_output
@@ -524,6 +623,7 @@ def plot(
     if min_cos is not None and not grazing:
         raise InputError("--min-cos needs --grazing: a linear axis ends at 89.9 degrees.")
     specs = [parse(model) for model in models]
+    find = _method(method, rtol, samples, strategy, sequence, seed, default_rtol=1e-6)
     cosines = (
         plotting.grazing_grid(1e-6 if min_cos is None else min_cos)
         if grazing
@@ -532,7 +632,7 @@ def plot(
     azimuth = _radians(_azimuths(repr(phi))[0])
     total = sum(spec.count for spec in specs)
     with _warnings_as_lines(), _compiling(*specs), _progress("computing curves", total) as advance:
-        curves = plotting.measure(specs, cosines, phi=azimuth, rtol=rtol, progress=advance)
+        curves = plotting.measure(specs, cosines, phi=azimuth, find=find, progress=advance)
     figure = plotting.draw(curves, grazing=grazing, phi=azimuth or None)
     plotting.save_figure(figure, output)
     typer.echo(f"{output}: {len(curves)} curve{'' if len(curves) == 1 else 's'}")

@@ -11,6 +11,7 @@ import zlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
     import numpy as np
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from albedo.estimate import Estimate
 
 __all__ = [
     "SUFFIXES",
@@ -119,6 +122,8 @@ class Curve:
         Cosines of the angle of incidence, albedos and their error bounds.
     swept : tuple of (str, float) or None
         The swept parameter and its value, where one number alone tells the curves apart.
+    kind : {"bound", "standard_error"}
+        What the errors are.
     """
 
     label: str
@@ -127,6 +132,7 @@ class Curve:
     value: np.ndarray
     error: np.ndarray
     swept: tuple[str, float] | None = None
+    kind: str = "bound"
 
 
 @contextmanager
@@ -254,6 +260,7 @@ def measure(
     *,
     phi: float = 0.0,
     rtol: float = 1e-6,
+    find: Callable[..., Estimate] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Curve]:
     """Compute one curve for every model that the specs name.
@@ -268,6 +275,9 @@ def measure(
         Azimuth of the incident direction, radians.
     rtol : float
         Relative tolerance.
+    find : callable, optional
+        What computes the albedos of a model: ``find(model, cos_theta, phi=phi)``; quadrature to
+        `rtol` unless given.
     progress : callable, optional
         Called with the number of curves done and of all.
 
@@ -280,6 +290,8 @@ def measure(
 
     import albedo
 
+    if find is None:
+        find = partial(albedo.directional_albedo, rtol=rtol)
     total = sum(spec.count for spec in specs)
     curves: list[Curve] = []
     done = 0
@@ -288,7 +300,7 @@ def measure(
             numbers = [(key, value) for key, value in values.items() if isinstance(value, float)]
             label = format_spec(spec.name, {**spec.fixed, **values})
             for channel, kind in enumerate(model.by_channel()):
-                estimate = albedo.directional_albedo(kind, cos_theta, phi=phi, rtol=rtol)
+                estimate = find(kind, cos_theta, phi=phi)
                 curves.append(
                     Curve(
                         label=label if kind is model else f"{label}, channel {channel}",
@@ -297,6 +309,7 @@ def measure(
                         value=np.asarray(estimate.value),
                         error=np.asarray(estimate.error),
                         swept=numbers[0] if len(values) == 1 and numbers else None,
+                        kind=estimate.kind,
                     )
                 )
             done += 1
@@ -375,7 +388,8 @@ def draw_axes(
         axes.set_xlim(0.0, 90.0)
         axes.set_xticks(np.arange(0.0, 91.0, 15.0))
         axes.set_xlabel(f"angle of incidence (degrees{where})")
-    axes.set_ylabel("directional albedo")
+    noisy = any(curve.kind == "standard_error" for curve in curves)
+    axes.set_ylabel("directional albedo" + (" ± standard error" if noisy else ""))
     if log:
         axes.set_yscale("log")
         axes.set_ylim(low / 1.3, max(high, 1.0) * 1.3)

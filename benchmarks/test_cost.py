@@ -63,6 +63,34 @@ def test_table_32_by_32(benchmark, name: str, threads: int) -> None:
     )
 
 
+SAMPLED = {
+    "lambert": (albedo.model("lambert"), "cosine"),
+    "ggx, visible normals": (
+        albedo.model("cook_torrance", m=0.3, distribution="ggx", geometry="smith"),
+        "model",
+    ),
+    "beckmann, visible normals": (albedo.model("cook_torrance", geometry="smith"), "model"),
+    "ashikhmin_shirley": (albedo.model("ashikhmin_shirley"), "model"),
+    "ward": (albedo.model("ward"), "model"),
+    "phong": (albedo.model("phong"), "model"),
+}
+
+
+@pytest.mark.parametrize("name", SAMPLED)
+def test_samples_per_second(benchmark, name: str) -> None:
+    """Four million random draws on one core: points, directions, densities, values and sums."""
+    model, strategy = SAMPLED[name]
+    count = 4_000_000
+    benchmark.pedantic(
+        lambda: albedo.monte_carlo_albedo(model, COS, samples=count, strategy=strategy),
+        rounds=5,
+        warmup_rounds=1,
+    )
+    rate = count / benchmark.stats.stats.median
+    benchmark.extra_info["million samples per second"] = 1e-6 * rate
+    print(f"\n{name}: {1e-6 * rate:.1f} million samples per second")
+
+
 def slopes(model: Model) -> Callable[[np.ndarray], np.ndarray]:
     """The integrand in half-vector slopes on [-6, 6]^2 widths, zero below the horizon."""
     width = model.parts()[0].widths[0]

@@ -8,7 +8,8 @@ gives the same bits whatever the number of threads. Stratified and quasi-random 
 A strategy that does not see the lobe returns a wrong mean with a small standard error. So a pilot,
 with draws of its own from the model's routines, n.v/pi and the hemisphere evenly, foretells the
 effective sample size of the strategy, (sum w)^2/sum w^2 in expectation; below `FEWEST` the result
-is called unreliable. What the pilot does not see either, nothing here can tell.
+is called unreliable. What the pilot does not see either, nothing here can tell. It also has a say
+in the standard error of random draws, which on their own do not know of weights too rare for them.
 """
 
 from __future__ import annotations
@@ -23,19 +24,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from albedo._compile import kernel
 from albedo.brdf import Model
 from albedo.directions import spherical
 from albedo.errors import ConvergenceWarning, DivergenceError, InputError
 from albedo.estimate import Estimate
 from albedo.quadrature import check_directions
-from albedo.sampling.mixture import Mixture, mixture_of, values_of, weights
+from albedo.sampling.mixture import Mixture, Values, lift, mixture_of, weights
 from albedo.sampling.routines import COSINE, UNIFORM
 
 SEQUENCES = ("random", "stratified", "sobol")
 """Points of the unit square: independent, one in each cell of a grid, or scrambled Sobol points."""
 
 REPLICATES = 32
-"""Independent sets of stratified or quasi-random points."""
+"""The least number of independent sets of stratified or quasi-random points."""
 
 FEWEST = 100.0
 """Effective sample size below which a result is unreliable."""
@@ -114,6 +116,7 @@ class _Row:
     """One direction of one model, ready to be sampled."""
 
     model: Model
+    f: Values
     wi: np.ndarray
     mixture: Mixture
     seed: int
@@ -122,28 +125,46 @@ class _Row:
 
     def tally(self, points: np.ndarray) -> _Tally:
         """Sums over points (2, count)."""
-        u = points.reshape(2, 1, -1)
-        wo, h = self.mixture.draw(self.wi, u)
-        w = weights(self.values(wo, h), wo, self.mixture.density(self.wi, wo, h))[0]
-        below = int(np.count_nonzero(wo[2] <= 0.0))
-        return _Tally(w.size, float(w.sum()), float(w @ w), below)
+        wo, h = self.mixture.draw(self.wi, points.reshape(2, 1, -1))
+        density = self.mixture.density(self.wi, wo, h)
+        f, below = self.values(wo, h)
+        sums = _sums(f, wo[2], density, below)
+        return _Tally(points.shape[1], *sums)
 
-    def values(self, wo: np.ndarray, h: np.ndarray) -> np.ndarray:
-        """f with the given direction as light, or as view."""
+    def values(self, wo: np.ndarray, h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """f with the given direction as light, or as view, and which draws are below the horizon.
+
+        Those are lifted above it.
+        """
+        below = np.empty(wo.shape[1:], dtype=bool)
+        lift(self.wi, wo, h, below)
         if not self.swap:
-            return values_of(self.model, self.wi, wo, h)
-        up = wo[2, 0] > 0.0
-        found = np.zeros(wo.shape[1:])
-        light = np.ascontiguousarray(wo[:, 0, up])
-        view = np.repeat(self.wi, light.shape[1], axis=1)[:, :, None]
-        half = np.ascontiguousarray(h[:, 0, up])[:, :, None]
-        found[0, up] = values_of(self.model, light, view, half)[:, 0]
-        return found
+            return self.f(self.wi, wo, h), below
+        count = below.size
+        light, half = wo.reshape(3, count), h.reshape(3, count, 1)
+        view = np.repeat(self.wi, count, axis=1).reshape(3, count, 1)
+        return self.f(light, view, half).reshape(below.shape), below
 
     def stream(self, *key: int) -> np.random.Generator:
         """The random stream of a block: its place in the work gives its bits."""
         sequence = np.random.SeedSequence(self.seed, spawn_key=(self.number, *key))
         return np.random.Generator(np.random.PCG64(sequence))
+
+
+@kernel
+def _sums(f, n_dot_v, density, below):
+    """Sums of weights and of their squares, and how many draws are below the horizon."""
+    total = squares = 0.0
+    lost = 0
+    for k in range(f.shape[0]):
+        for i in range(f.shape[1]):
+            if below[k, i]:
+                lost += 1
+            elif f[k, i] > 0.0:
+                w = f[k, i] * n_dot_v[k, i] / density[k, i]
+                total += w
+                squares += w * w
+    return total, squares, lost
 
 
 def _random_blocks(row: _Row, first: int, count: int) -> Iterator[Callable[[], _Tally]]:
@@ -216,39 +237,73 @@ def _sample(
             total.add(tally)
             progress(tally.draws)
         return total, 0.0
-    each = max(count // REPLICATES, 1)
+    each, sets = max(count // REPLICATES, 1), REPLICATES
+    if sequence == "sobol":
+        # Sets of 2^k points are balanced; as many sets as there are draws for.
+        each = 2 ** int(math.log2(each))
+        sets = max(count // each, REPLICATES)
 
     def replicate(number: int) -> Callable[[], _Tally]:
         return lambda: _replicate(row, sequence, turn, number, each)
 
     means = []
-    for tally in _map(pool, (replicate(number) for number in range(REPLICATES))):
+    for tally in _map(pool, (replicate(number) for number in range(sets))):
         total.add(tally)
         means.append(tally.mean)
         progress(tally.draws)
-    return total, float(np.var(means, ddof=1)) / REPLICATES
+    return total, float(np.var(means, ddof=1)) / sets
 
 
-def _foretold(row: _Row, strategy: Mixture) -> tuple[float, float]:
-    """Effective samples per draw of a strategy, and those of the pilot that tells it."""
+@dataclass(frozen=True)
+class _Pilot:
+    """What draws from elsewhere tell of a strategy.
+
+    Attributes
+    ----------
+    share : float
+        Effective samples per draw.
+    effective : float
+        Effective samples of the pilot itself, which limit what it can know.
+    weight, ratio : ndarray
+        Weights that the strategy would give to the draws of the pilot, and its density over
+        theirs.
+    """
+
+    share: float
+    effective: float
+    weight: np.ndarray
+    ratio: np.ndarray
+
+    def variance(self, mean: float) -> float:
+        """Variance of the weights of the strategy about their mean."""
+        return float(np.mean((self.weight - mean) ** 2 * self.ratio))
+
+
+def _scout(row: _Row) -> _Pilot:
+    """Draw the pilot of a row."""
     own = mixture_of(row.model)
     shares = (*(share / 3.0 for share in own.shares), 1.0 / 3.0, 1.0 / 3.0)
     scout = Mixture(shares, (*own.routines, COSINE, UNIFORM))
     u = row.stream(_SCOUTS).random((2, 1, _PILOT))
     wo, h = scout.draw(row.wi, u)
-    f = row.values(wo, h)
-    seen = scout.density(row.wi, wo, h)
-    pilot = weights(f, wo, seen)
+    drawn, density = scout.density(row.wi, wo, h), row.mixture.density(row.wi, wo, h)
+    f, below = row.values(wo, h)
+    pilot, weight = weights(f, wo, drawn, below), weights(f, wo, density, below)
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.where(pilot > 0.0, weights(f, wo, strategy.density(row.wi, wo, h)), 0.0)
-        second = float(np.mean(pilot * ratio))
-    mean, squares = float(pilot.mean()), float(np.mean(pilot * pilot))
-    if mean == 0.0:
+        ratio = np.where(drawn > 0.0, density / drawn, 0.0)
+    # Where the strategy draws nothing its weights count for nothing here, and for all below.
+    told = {"weight": np.where(ratio > 0.0, weight, 0.0), "ratio": ratio}
+    top = float(pilot.max())
+    if top == 0.0:
         # Nothing is there, or nothing is seen: a declared lobe would have been.
         dark = row.model.resolved_width is None
-        return (1.0, float(_PILOT)) if dark else (0.0, 0.0)
-    known = _PILOT * mean * mean / squares
-    return (mean * mean / second if math.isfinite(second) else 0.0), known
+        return _Pilot(float(dark), float(_PILOT) * dark, **told)
+    # As shares of the largest, so that no square underflows.
+    pilot /= top
+    second = float(np.mean(pilot * np.where(pilot > 0.0, weight / top, 0.0)))
+    mean = float(pilot.mean())
+    share = mean * mean / second if math.isfinite(second) and second > 0.0 else 0.0
+    return _Pilot(share, _PILOT * mean * mean / float(np.mean(pilot * pilot)), **told)
 
 
 def monte_carlo_albedo(
@@ -277,8 +332,8 @@ def monte_carlo_albedo(
         Azimuth in radians; it broadcasts with `cos_theta`.
     samples : int, optional
         Draws per direction: all of them, or the most when `rtol` is given (then 2^30 by default);
-        2^20 when neither is. Stratified and quasi-random points come in `REPLICATES` sets, of
-        which each takes the same number.
+        2^20 when neither is. Stratified and quasi-random points come in `REPLICATES` sets or
+        more, of equally many points: what does not fill a set is not drawn.
     rtol : float, optional
         Stop when the standard error is at most this share of the mean; looked at first after
         32,768 random or 4,096 other draws, and whenever their number has doubled.
@@ -329,6 +384,7 @@ def monte_carlo_albedo(
     kinds = model.by_channel()
     # Looked at before anything is drawn.
     mixtures = [mixture_of(kind, strategy) for kind in kinds]
+    values = [Values(kind) for kind in kinds]
     shape = c.shape if model.channels is None else (len(kinds), *c.shape)
     found: list[tuple[Any, ...]] = []
     pool = ThreadPoolExecutor(threads) if threads > 1 else None
@@ -337,7 +393,7 @@ def monte_carlo_albedo(
             for i, (mu, turn) in enumerate(zip(c.ravel(), p.ravel(), strict=True)):
                 wi = np.ascontiguousarray(spherical(mu, turn).reshape(3, 1))
                 number = k * c.size + i
-                row = _Row(kind, wi, mixtures[k], seed, number, fixed == "view")
+                row = _Row(kind, values[k], wi, mixtures[k], seed, number, fixed == "view")
                 report = progress or (lambda _: None)
                 found.append(_estimate(row, samples, rtol, sequence, pool, report))
     finally:
@@ -391,6 +447,7 @@ def _estimate(
     if not row.model.parts():
         enough = rtol is None or doubt <= rtol * abs(known)
         return known, doubt, 0, enough, 0.0, 0.0, True, "rtol" if rtol else "samples"
+    pilot = _scout(row)
     total, spent, turn, size = _Tally(), 0, 0, limit
     if rtol is not None:
         size = min(limit, max(_FIRST, _BLOCK if sequence == "random" else 0))
@@ -400,8 +457,7 @@ def _estimate(
         if sequence == "random":
             # Blocks go on where the last ones ended: all draws count.
             total.add(tally)
-            spread = max(total.squares / total.draws - total.mean**2, 0.0)
-            variance = spread / max(total.draws - 1, 1)
+            variance = _variance(total, pilot) / max(total.draws - 1, 1)
         else:
             # Other points are drawn anew, twice as many: only the last ones count.
             total = tally
@@ -413,16 +469,26 @@ def _estimate(
             break
         turn += 1
         size = min(total.draws, left) if sequence == "random" else 2 * total.draws
-    share, scout = _foretold(row, row.mixture)
-    foretold = min(share * total.draws, scout * total.draws / _PILOT)
+    foretold = total.draws * min(pilot.share, pilot.effective / _PILOT)
     # A model that sends nothing has no weights.
-    seen = total.effective >= FEWEST or (total.total == 0.0 and share == 1.0)
+    seen = total.effective >= FEWEST or (total.total == 0.0 and pilot.share == 1.0)
     reliable = foretold >= FEWEST and seen
     converged = reliable and (rtol is None or met)
     return (
         *(value, error, spent, converged, total.effective, total.below / total.draws),
         *(reliable, "rtol" if met else "samples"),
     )
+
+
+def _variance(total: _Tally, pilot: _Pilot) -> float:
+    """Variance of the weights, from the draws and, as if they were draws too, from the pilot.
+
+    Where one draw in ten thousand has another weight than all others, a thousand draws do not show
+    it; the pilot looks elsewhere.
+    """
+    own = max(total.squares / total.draws - total.mean**2, 0.0)
+    other = pilot.variance(total.mean)
+    return max(own, (total.draws * own + _PILOT * other) / (total.draws + _PILOT))
 
 
 def _known(row: _Row) -> tuple[float, float]:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from albedo._compile import kernel
 from albedo.brdf import Model, Part
 from albedo.charts.axis import AxisChart
 from albedo.charts.polar import PolarChart
@@ -181,30 +182,43 @@ def mixture_of(model: Model, strategy: str = "model") -> Mixture:
     return Mixture(tuple(shares.values()), tuple(shares))
 
 
-def values_of(model: Model, wi: np.ndarray, wo: np.ndarray, h: np.ndarray) -> np.ndarray:
-    """f at directions (3, rows, columns) for light directions (3, rows); 0 below the horizon.
+@kernel
+def lift(wi, wo, h, below):
+    """Mark the draws below the horizon, and put others above it in their places.
 
-    Kernels need a view direction above the horizon: the others are given one.
+    Kernels of models need a view direction above the horizon.
     """
-    below = wo[2] <= 0.0
-    if below.any():
-        wo, h = wo.copy(), h.copy()
-        wo[:, below], h[:, below] = np.array([[0.0], [0.0], [1.0]]), 0.0
-        rows = np.nonzero(below)[0]
-        h[:, below] = wi[:, rows] + wo[:, below]
-    p = np.tile(np.array(model.pack(), dtype=np.float64), (wi.shape[1], 1))
-    total = np.zeros(wo.shape[1:])
-    out = np.empty(wo.shape[1:])
-    for part in model.parts():
-        part.fill(wi, wo, h, part.packed(p), out)
-        total += part.scale * out
-    total[below] = 0.0
-    return total
+    for k in range(below.shape[0]):
+        for i in range(below.shape[1]):
+            below[k, i] = not wo[2, k, i] > 0.0
+            if below[k, i]:
+                for d in range(3):
+                    wo[d, k, i] = 1.0 if d == 2 else 0.0
+                    h[d, k, i] = wi[d, k] + wo[d, k, i]
 
 
-def weights(f: np.ndarray, wo: np.ndarray, pdf: np.ndarray) -> np.ndarray:
+class Values:
+    """f of a model: its parts and what their kernels read are looked up once."""
+
+    def __init__(self, model: Model) -> None:
+        packed = np.array(model.pack(), dtype=np.float64).reshape(1, -1)
+        self._parts = [(part, part.packed(packed)) for part in model.parts()]
+
+    def __call__(self, wi: np.ndarray, wo: np.ndarray, h: np.ndarray) -> np.ndarray:
+        """f at directions (3, rows, columns) above the horizon, for light directions (3, rows)."""
+        total: np.ndarray | None = None
+        for part, p in self._parts:
+            out = np.empty(wo.shape[1:])
+            part.fill(wi, wo, h, np.repeat(p, wi.shape[1], axis=0), out)
+            if part.scale != 1.0:
+                out *= part.scale
+            total = out if total is None else np.add(total, out, out=total)
+        return np.zeros(wo.shape[1:]) if total is None else total
+
+
+def weights(f: np.ndarray, wo: np.ndarray, pdf: np.ndarray, below: np.ndarray) -> np.ndarray:
     """f n.v/pdf, and 0 below the horizon; inf where the model sends light that is never drawn."""
-    energy = f * np.maximum(wo[2], 0.0)
+    energy = np.where(below, 0.0, f * wo[2])
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(energy > 0.0, energy / pdf, 0.0)
 
@@ -264,9 +278,11 @@ def draw(model: Model, u: ArrayLike, wi: ArrayLike) -> Sample:
         lights = np.ascontiguousarray(light[rest].T)
         there, h = mixture.draw(lights, own)
         found = mixture.density(lights, there, h) * left[:, None]
-        f = values_of(model, lights, there, h)
         wo[rest], pdf[rest] = there[:, :, 0].T, found[:, 0]
-        weight[rest] = weights(f, there, found)[:, 0]
+        below = np.empty(there.shape[1:], dtype=bool)
+        lift(lights, there, h, below)
+        f = Values(model)(lights, there, h)
+        weight[rest] = weights(f, there, found, below)[:, 0]
     return Sample(wo.reshape(*shape, 3), pdf.reshape(shape), weight.reshape(shape))
 
 
