@@ -186,6 +186,16 @@ def test_a_strategy_that_misses_the_lobe_is_unreliable() -> None:
     assert not lost.reliable
 
 
+def test_rare_losses_count_before_they_are_drawn() -> None:
+    """Two in a million visible normals send their light below the horizon; 4,096 draws see none."""
+    model = albedo.model("cook_torrance", m=1e-4, distribution="ggx", geometry="smith")
+    lost = float(albedo.directional_albedo(model, 0.05, complement=True).value)
+    assert 1e-6 < lost < 1e-5
+    found = albedo.monte_carlo_albedo(model, 0.05, samples=4096, seed=3)
+    # Half of the variance is the pilot's: the draws' own is 0.
+    assert 0.3 * math.sqrt(lost / 4096) < found.error < 2.0 * math.sqrt(lost / 4096)
+
+
 def test_black_models_are_black_and_unknown_ones_unreliable_where_nothing_is_seen() -> None:
     assert albedo.monte_carlo_albedo(albedo.model("lambert", rho=0.0), 0.5, samples=500).reliable
     hidden = albedo.model_from(lambda wi, wo: np.where(wo[..., 2] > 1.0 - 1e-12, 1e9, 0.0))

@@ -6,7 +6,7 @@ gives the same bits whatever the number of threads. Stratified and quasi-random 
 `REPLICATES` independent sets: their means tell the standard error.
 
 A strategy that does not see the lobe returns a wrong mean with a small standard error. So a pilot,
-with draws of its own from the model's routines, n.v/pi and the hemisphere evenly, foretells the
+with draws of its own from the model's routines, n.v/pi and the whole sphere, foretells the
 effective sample size of the strategy, (sum w)^2/sum w^2 in expectation; below `FEWEST` the result
 is called unreliable. What the pilot does not see either, nothing here can tell. It also has a say
 in the standard error of random draws, which on their own do not know of weights too rare for them.
@@ -31,7 +31,7 @@ from albedo.errors import ConvergenceWarning, DivergenceError, InputError
 from albedo.estimate import Estimate
 from albedo.quadrature import check_directions
 from albedo.sampling.mixture import Mixture, Values, lift, mixture_of, weights
-from albedo.sampling.routines import COSINE, UNIFORM
+from albedo.sampling.routines import COSINE, SPHERE
 
 SEQUENCES = ("random", "stratified", "sobol")
 """Points of the unit square: independent, one in each cell of a grid, or scrambled Sobol points."""
@@ -283,7 +283,7 @@ def _scout(row: _Row) -> _Pilot:
     """Draw the pilot of a row."""
     own = mixture_of(row.model)
     shares = (*(share / 3.0 for share in own.shares), 1.0 / 3.0, 1.0 / 3.0)
-    scout = Mixture(shares, (*own.routines, COSINE, UNIFORM))
+    scout = Mixture(shares, (*own.routines, COSINE, SPHERE))
     u = row.stream(_SCOUTS).random((2, 1, _PILOT))
     wo, h = scout.draw(row.wi, u)
     drawn, density = scout.density(row.wi, wo, h), row.mixture.density(row.wi, wo, h)

@@ -89,6 +89,23 @@ def _uniform_density(wi, wo, h, q, out):
 
 
 @kernel
+def _sphere(wi, u, q, wo, h):
+    for k in range(wo.shape[1]):
+        for i in range(wo.shape[2]):
+            s, turn = 2.0 * math.sqrt(u[0, k, i] * (1.0 - u[0, k, i])), 2.0 * _PI * u[1, k, i]
+            wo[0, k, i] = s * math.cos(turn)
+            wo[1, k, i] = s * math.sin(turn)
+            wo[2, k, i] = 1.0 - 2.0 * u[0, k, i]
+            for d in range(3):
+                h[d, k, i] = wi[d, k] + wo[d, k, i]
+
+
+@kernel
+def _sphere_density(wi, wo, h, q, out):
+    out[:] = 0.25 / _PI
+
+
+@kernel
 def _reflect(x, y, k, i, wi, wo, h):
     """V and L + V for the half vector of slopes x and y."""
     lx, ly, lz = wi[0, k], wi[1, k], wi[2, k]
@@ -358,6 +375,7 @@ def _visible_beckmann(wi, u, q, wo, h):
 
 COSINE = Routine("cosine", _cosine, _cosine_density, (), "Malley")
 UNIFORM = Routine("uniform", _uniform, _uniform_density)
+SPHERE = Routine("uniform over the sphere", _sphere, _sphere_density)
 
 
 def gaussian_normals(alpha_x: float, alpha_y: float) -> Routine:

@@ -1,0 +1,450 @@
+"""Checks of a BRDF and of its sampling, ours or anyone's: each with what was measured.
+
+A statistical check states its level: the chance that it fails for a correct program. Where several
+are made, the level of each is that of all over their number (Bonferroni).
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import sys
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from albedo.brdf import Model
+from albedo.directions import spherical
+from albedo.errors import ConvergenceWarning, InputError
+from albedo.integrators.adaptive import integrate
+from albedo.integrators.monte_carlo import monte_carlo_albedo
+from albedo.quadrature import directional_albedo
+
+Draw = Callable[[np.ndarray, np.ndarray], np.ndarray]
+Density = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+# Draws that a cell of the partition should hold, and the fewest that a category must expect.
+_PER_CELL, _FEWEST = 100, 10.0
+# Pilot draws in a box over which the density is integrated.
+_PER_BOX = 4
+_DEEPEST = 60
+# Of what is expected in a cell, the error of the integral of the density: far below its spread.
+_RTOL = 1e-4
+
+_COSINES = np.array([0.95, 0.6, 0.25, 0.05])
+_TURNS = np.array([0.3, 1.2, 2.5, 4.0])
+
+
+@dataclass(frozen=True)
+class Check:
+    """One check: what it is, what came out, and whether that is right.
+
+    Attributes
+    ----------
+    name : str
+    passed : bool or None
+        None where there was nothing to hold the measurement to.
+    measured : str
+        What was found, in words.
+    """
+
+    name: str
+    passed: bool | None
+    measured: str
+
+
+@dataclass(frozen=True)
+class ChiSquare:
+    """Pearson's test of draws against a density.
+
+    Attributes
+    ----------
+    statistic, p_value : float
+        The sum of (seen - expected)^2/expected, and the chance of one as large.
+    degrees : int
+        Degrees of freedom: categories less one.
+    level : float
+        The p-value below which the test fails.
+    undensified : int
+        Draws above the horizon at which the density is 0; any is a failure.
+    above : float
+        Integral of the density over the upper hemisphere.
+    """
+
+    statistic: float
+    p_value: float
+    degrees: int
+    level: float
+    undensified: int
+    above: float
+
+    @property
+    def passed(self) -> bool:
+        """Whether draws and density may belong together."""
+        return self.undensified == 0 and self.p_value >= self.level
+
+    def __str__(self) -> str:
+        lost = f", {self.undensified} draws where the density is 0" if self.undensified else ""
+        return (
+            f"chi-square {self.statistic:.4g} with {self.degrees} degrees of freedom, "
+            f"p = {self.p_value:.3g} (fails below {self.level:.2g}){lost}"
+        )
+
+
+class _Partition:
+    """Cells of the hemisphere in (azimuth, 1 - z) as a chart: one cell, one integral."""
+
+    def __init__(self, box: np.ndarray) -> None:
+        self.box = box
+
+    def panels(
+        self,
+        cos_theta: np.ndarray,
+        phi: np.ndarray,
+        widths: np.ndarray,
+        isotropic: bool,
+        coarse: bool = False,
+        fine: bool = False,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        m = len(self.box)
+        return np.zeros((m, 1)), np.arange(m), np.ones((m, 4), dtype=np.int64), self.box
+
+    def nodes(
+        self, geometry: np.ndarray, code: np.ndarray, box: np.ndarray, u: np.ndarray, v: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        m = len(box)
+        turn = (box[:, :1] + (box[:, 1:2] - box[:, :1]) * u)[:, :, None]
+        less = (box[:, 2:3] + (box[:, 3:4] - box[:, 2:3]) * v)[:, None, :]
+        s = np.sqrt(less * (2.0 - less))
+        wo = np.empty((3, m, u.size, v.size))
+        wo[0], wo[1], wo[2] = np.cos(turn) * s, np.sin(turn) * s, 1.0 - less
+        area = (box[:, 1] - box[:, 0]) * (box[:, 3] - box[:, 2])
+        flat = wo.reshape(3, m, -1)
+        return np.zeros((3, m)), flat, flat, np.repeat(area[:, None], flat.shape[2], axis=1)
+
+
+def _place(wo: np.ndarray) -> np.ndarray:
+    """Azimuth in [0, 2 pi) and 1 - z, without cancellation near the normal, as (n, 2)."""
+    turn = np.arctan2(wo[:, 1], wo[:, 0]) % (2.0 * math.pi)
+    near = wo[:, 2] > 0.5
+    tangential = wo[:, 0] ** 2 + wo[:, 1] ** 2
+    less = np.where(near, tangential / (1.0 + wo[:, 2]), 1.0 - wo[:, 2])
+    return np.stack((turn, less), axis=1)
+
+
+@dataclass
+class _Cells:
+    """A partition of the hemisphere, and finer boxes over which a density is integrated."""
+
+    box: np.ndarray
+    cell: np.ndarray
+    seen: np.ndarray
+
+
+def _halve(pilot: np.ndarray, points: np.ndarray) -> _Cells:
+    """Halve the hemisphere until no cell holds more than `_PER_CELL` of the pilot.
+
+    Cells are halved further, until a box holds next to none of it, so that a rule on a box sees a
+    lobe that fills a corner of a cell. `points` are counted in the cells.
+    """
+    whole = np.array([0.0, 2.0 * math.pi, 0.0, 1.0])
+    todo: list[tuple[np.ndarray, np.ndarray, np.ndarray, int, int]] = [
+        (whole, pilot, points, 0, -1)
+    ]
+    boxes: list[np.ndarray] = []
+    cells: list[int] = []
+    seen: list[int] = []
+    while todo:
+        box, inside, counted, depth, cell = todo.pop()
+        if cell < 0 and (len(inside) <= _PER_CELL or depth >= _DEEPEST):
+            cell = len(seen)
+            seen.append(len(counted))
+        if cell >= 0 and (len(inside) <= _PER_BOX or depth >= _DEEPEST):
+            boxes.append(box)
+            cells.append(cell)
+            continue
+        axis = depth % 2
+        middle = 0.5 * (box[2 * axis] + box[2 * axis + 1])
+        low, high = box.copy(), box.copy()
+        low[2 * axis + 1] = high[2 * axis] = middle
+        left, below = inside[:, axis] < middle, counted[:, axis] < middle
+        todo.append((low, inside[left], counted[below], depth + 1, cell))
+        todo.append((high, inside[~left], counted[~below], depth + 1, cell))
+    return _Cells(np.array(boxes), np.array(cells), np.array(seen, dtype=float))
+
+
+def chi_square(
+    draw: Draw,
+    density: Density,
+    cos_theta: float,
+    phi: float = 0.0,
+    *,
+    samples: int = 100_000,
+    level: float = 1e-3,
+    tests: int = 1,
+    seed: int = 0,
+) -> ChiSquare:
+    """Test draws against the density that they are said to have.
+
+    Parameters
+    ----------
+    draw : callable
+        ``draw(u, wi) -> wo``: directions (n, 3) for points (n, 2) of the unit square; NaN where a
+        draw is a Dirac part. Of a model: ``checks.finite_draws(model)``.
+    density : callable
+        ``density(wi, wo)`` in 1/sr, for wi (3,) and wo (n, 3). Of a model: ``model.pdf``.
+    cos_theta, phi : float
+        The fixed direction.
+    samples : int
+        Draws; a quarter of them, with points of their own, lays out the cells.
+    level : float
+        Chance of a failure for a correct program.
+    tests : int
+        How many tests share that level.
+    seed : int
+
+    Returns
+    -------
+    ChiSquare
+        Cells are halved until each holds a hundred draws; those that expect fewer than ten are
+        merged; draws below the horizon and Dirac parts are a category, and its expectation is what
+        the density leaves: an integral that is not the share of the others fails as well.
+    """
+    from scipy import stats
+
+    wi = spherical(cos_theta, phi)
+    rng = np.random.default_rng(seed)
+    first, second = (np.asarray(draw(rng.random((n, 2)), wi)) for n in (samples // 4, samples))
+    # Comparisons with NaN are false: Dirac parts are not above.
+    first, above = first[first[:, 2] > 0.0], second[second[:, 2] > 0.0]
+    values = np.asarray(density(wi, above)) if len(above) else np.zeros(0)
+    undensified = int(np.count_nonzero(~(values > 0.0)))
+    cells = _halve(_place(first), _place(above))
+    value, bound = _integrals(density, wi, cells.box)
+    count = len(cells.seen)
+    expected = np.bincount(cells.cell, weights=value, minlength=count) * len(second)
+    error = np.bincount(cells.cell, weights=bound, minlength=count) * len(second)
+    seen, whole = cells.seen, float(value.sum())
+    # What no cell is expected to hold lies below the horizon, or is a Dirac part.
+    expected = np.append(expected, max(len(second) - expected.sum(), 0.0))
+    seen, error = np.append(seen, len(second) - len(above)), np.append(error, error.sum())
+    # The rarest are merged until each of what remains expects enough.
+    rank = np.argsort(-expected)
+    expected, seen, error = expected[rank], seen[rank], error[rank]
+    many = int(np.count_nonzero(expected >= _FEWEST))
+    if many < len(expected):
+        if expected[many:].sum() < _FEWEST and many > 0:
+            many -= 1
+        expected, seen, error = (
+            np.append(a[:many], a[many:].sum()) for a in (expected, seen, error)
+        )
+    # What the integrals may be off by is not held against the draws.
+    off = np.maximum(np.abs(seen - expected) - error, 0.0)
+    statistic = float(np.sum(off**2 / np.maximum(expected, 1e-300)))
+    degrees = max(len(expected) - 1, 1)
+    # A density that integrates to more than 1 leaves less than nothing below.
+    excess = whole - 1.0 > float(bound.sum()) + 1e-9
+    p = 0.0 if excess else float(stats.chi2.sf(statistic, degrees))
+    return ChiSquare(statistic, p, degrees, level / tests, undensified, whole)
+
+
+def _integrals(density: Density, wi: np.ndarray, box: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Integrals of the density over all cells, with their bounds."""
+
+    def over_cells(row: Any, light: Any, wo: np.ndarray, h: Any) -> np.ndarray:
+        flat = np.moveaxis(wo, 0, -1).reshape(-1, 3)
+        return np.asarray(density(wi, flat), dtype=float).reshape(wo.shape[1:])
+
+    m = len(box)
+    found = integrate(
+        *(_Partition(box), over_cells, np.ones(m), np.zeros(m), np.ones((m, 2)), False),
+        rtol=_RTOL,
+        atol=1e-7,
+        limit=40_000,
+        probe=False,
+    )
+    return found.value, found.error
+
+
+def finite_draws(model: Model) -> Draw:
+    """The draws of a model as `chi_square` wants them: NaN for a Dirac part."""
+
+    def draw(u: np.ndarray, wi: np.ndarray) -> np.ndarray:
+        found = model.sample(u, wi)
+        return np.where(np.isinf(found.pdf)[:, None], np.nan, found.wo)
+
+    return draw
+
+
+def reciprocity(model: Model, seed: int = 0, count: int = 20_000) -> Check:
+    """The largest |f(l, v) - f(v, l)| over the larger of them, where that is not negligible."""
+    rng = np.random.default_rng(seed)
+    light = spherical(np.sqrt(rng.random(count)), 2.0 * math.pi * rng.random(count))
+    own = model.sample(rng.random((count, 2)), light)
+    other = spherical(np.sqrt(rng.random(count)), 2.0 * math.pi * rng.random(count))
+    use = np.isfinite(own.pdf) & (own.wo[:, 2] > 1e-3) & (rng.random(count) < 0.5)
+    view = np.where(use[:, None], own.wo, other)
+    view /= np.linalg.norm(view, axis=1)[:, None]
+    there, back = model.eval(light, view), model.eval(view, light)
+    larger = np.maximum(there, back)
+    keep = larger > 1e-6 * larger.max(initial=0.0)
+    worst = float(np.max(np.abs(there - back)[keep] / larger[keep], initial=0.0))
+    said = f"f(l, v) and f(v, l) differ by at most {worst:.2g} of the larger"
+    # Half vectors from raw directions lose digits; see `albedo.directions.half_vector`.
+    return Check("reciprocity", worst <= 1e-6 if model.reciprocal else None, said)
+
+
+def energy(model: Model) -> Check:
+    """The largest albedo over directions, beside what the model promises."""
+    cosines = np.array([1.0, 0.97, 0.9, 0.7, 0.5, 0.35, 0.2, 0.1, 0.03, 1e-2, 1e-4, 1e-7])
+    turns = np.zeros(1) if model.isotropic else np.linspace(0.0, math.pi, 5)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        found = directional_albedo(model, cosines, turns[:, None], rtol=1e-6, atol=1e-9)
+    at = np.unravel_index(int(np.argmax(found.value)), found.value.shape)
+    value, error = float(found.value[at]), float(found.error[at])
+    said = f"the largest of {found.value.size} albedos is {value:.9g} +- {error:.1g}, "
+    said += f"at cos theta = {cosines[at[-1]]:g}"
+    passed = value - error <= 1.0 if model.conserves_energy else None
+    return Check("energy", passed, said)
+
+
+def sampling(model: Model, level: float = 1e-3, seed: int = 0) -> list[Check]:
+    """Weights, densities and draws of a model, at four directions of incidence."""
+    directions = list(zip(_COSINES.tolist(), _TURNS.tolist(), strict=True))
+    worst, count = 0.0, 0
+    rng = np.random.default_rng(seed)
+    for mu, turn in directions:
+        wi = spherical(mu, turn)
+        found = model.sample(rng.random((2000, 2)), wi)
+        finite = np.isfinite(found.pdf) & (found.wo[:, 2] > 0.0)
+        if finite.any():
+            wo = found.wo[finite]
+            value = model.eval(wi, wo) * wo[:, 2] / found.pdf[finite]
+            off = np.abs(value - found.weight[finite]) / max(float(value.max()), 1e-300)
+            worst, count = max(worst, float(off.max())), count + int(finite.sum())
+    said = f"weights and f n.v/pdf of {count} draws differ by at most {worst:.2g} of the largest"
+    checks = [Check("weights", worst <= 1e-6, said)]
+    if not model.parts():
+        return checks
+    for k, (mu, turn) in enumerate(directions):
+        result = chi_square(
+            *(finite_draws(model), model.pdf, mu, turn),
+            level=level,
+            tests=len(directions),
+            seed=seed + k,
+        )
+        checks.append(Check(f"draws at cos theta = {mu:g}", result.passed, str(result)))
+    return checks
+
+
+def agreement(model: Model, level: float = 1e-3, seed: int = 0) -> Check:
+    """Monte Carlo beside quadrature at 32 directions: how often it is off by two standard errors.
+
+    Directions at which Monte Carlo calls itself unreliable are left out.
+    """
+    from scipy import stats
+
+    cosines = np.linspace(0.05, 1.0, 32)
+    turns = np.linspace(0.0, 6.0, 32)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        exact = directional_albedo(model, cosines, turns, rtol=1e-6, atol=1e-9)
+        found = monte_carlo_albedo(model, cosines, turns, samples=2**14, seed=seed)
+    off = np.abs(found.value - exact.value) - exact.error
+    # Zero variance leaves only rounding.
+    scores = off / np.maximum(found.error, 1e-9 * np.maximum(np.abs(exact.value), 1e-300))
+    scores = scores[found.reliable]
+    if not scores.size:
+        return Check("Monte Carlo", None, "unreliable at all of 32 directions")
+    exceeded = int(np.count_nonzero(scores > 2.0))
+    chance = 2.0 * float(stats.norm.sf(2.0))
+    most = int(stats.binom.isf(0.5 * level, scores.size, chance))
+    top = float(stats.norm.isf(0.25 * level / scores.size))
+    said = f"{exceeded} of {scores.size} are off by more than two standard errors (at most {most})"
+    said += f", the worst by {max(float(scores.max()), 0.0):.2f} (at most {top:.2f})"
+    return Check("Monte Carlo", exceeded <= most and float(scores.max()) <= top, said)
+
+
+def table(model: Model) -> Check:
+    """A table of albedos to 1e-6 against values to 1e-10: bounds hold, and are met."""
+    from albedo.tables import table as compute
+
+    cosines = np.linspace(0.02, 1.0, 12)
+    turns = np.zeros(1) if model.isotropic else np.linspace(0.0, math.pi, 3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        rough = compute(model, cosines, turns, rtol=1e-6, atol=1e-12)
+        fine = directional_albedo(model, cosines, turns[:, None], rtol=1e-10, atol=1e-14)
+    off = np.abs(rough["value"].values - fine.value)
+    allowed = rough["error"].values + fine.error
+    held = bool(np.all(off <= allowed))
+    met = int(np.count_nonzero(rough["converged"].values))
+    said = f"{int(np.count_nonzero(off <= allowed))} of {off.size} bounds hold, {met} meet 1e-6"
+    return Check("table", held, said)
+
+
+def check(model: Model, level: float = 1e-3, seed: int = 0) -> list[Check]:
+    """All checks of a model.
+
+    Parameters
+    ----------
+    model : Model
+        Of the catalogue or made by `albedo.model_from`; one channel of it, where it has several.
+    level : float
+        Chance that a statistical check fails for a correct model; there are two kinds, draws and
+        agreement.
+    seed : int
+
+    Returns
+    -------
+    list of Check
+        One at least failed where a `passed` is False.
+
+    Raises
+    ------
+    InputError
+        When the model has channels.
+    """
+    return [
+        reciprocity(model, seed),
+        energy(model),
+        *sampling(model, 0.5 * level, seed),
+        agreement(model, 0.5 * level, seed),
+        table(model),
+    ]
+
+
+def load_function(text: str) -> Callable[..., Any]:
+    """A function from ``path/to/file.py:name``.
+
+    Raises
+    ------
+    InputError
+        When there is no such file or function, or the file cannot be run.
+    """
+    path_text, _, name = text.rpartition(":")
+    path = Path(path_text)
+    if not path.is_file():
+        raise InputError(f"{path_text} is not a file; write path/to/file.py:function")
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    if spec is None or spec.loader is None:
+        raise InputError(f"{path} is not a Python file; write path/to/file.py:function")
+    module = importlib.util.module_from_spec(spec)
+    # Its own imports of neighbours work as if it were run.
+    sys.path.insert(0, str(path.parent.resolve()))
+    try:
+        spec.loader.exec_module(module)
+    except (ImportError, SyntaxError, NameError, ValueError, TypeError, OSError) as error:
+        raise InputError(f"{path} cannot be run: {type(error).__name__}: {error}") from None
+    finally:
+        sys.path.pop(0)
+    function = getattr(module, name, None)
+    if not callable(function):
+        found = ", ".join(k for k, v in vars(module).items() if callable(v) and k[0] != "_")
+        raise InputError(f"{path} has no function {name!r}; it has {found or 'none'}")
+    return function
