@@ -53,6 +53,13 @@ class UserModel(Model):
     def isotropic(self) -> bool:
         return bool(vars(self)["_isotropic"])
 
+    def replace(self, **values: Any) -> Model:
+        if values:
+            raise InputError(
+                f"{self.name} is a function and has no parameter {next(iter(values))!r}"
+            )
+        return self
+
     def pack(self) -> tuple[float, ...]:
         return ()
 

@@ -187,13 +187,14 @@ def test_a_strategy_that_misses_the_lobe_is_unreliable() -> None:
 
 
 def test_rare_losses_count_before_they_are_drawn() -> None:
-    """Two in a million visible normals send their light below the horizon; 4,096 draws see none."""
-    model = albedo.model("cook_torrance", m=1e-4, distribution="ggx", geometry="smith")
-    lost = float(albedo.directional_albedo(model, 0.05, complement=True).value)
-    assert 1e-6 < lost < 1e-5
-    found = albedo.monte_carlo_albedo(model, 0.05, samples=4096, seed=3)
-    # Half of the variance is the pilot's: the draws' own is 0.
-    assert 0.3 * math.sqrt(lost / 4096) < found.error < 2.0 * math.sqrt(lost / 4096)
+    """One visible normal in ten thousand loses its light; 4,096 draws may not hold one."""
+    model = albedo.model("cook_torrance", m=0.1, geometry="smith")
+    many = albedo.monte_carlo_albedo(model, 0.55, 2.0, samples=2**22)
+    spread = float(many.error) * math.sqrt(2**22 / 4096)
+    for seed in range(20):
+        found = albedo.monte_carlo_albedo(model, 0.55, 2.0, samples=4096, seed=seed)
+        # Half of the variance is the one that a few draws of the pilot tell; the own may be 0.
+        assert 0.1 * spread < found.error < 5.0 * spread
 
 
 def test_black_models_are_black_and_unknown_ones_unreliable_where_nothing_is_seen() -> None:

@@ -419,14 +419,59 @@ def check(model: Model, level: float = 1e-3, seed: int = 0) -> list[Check]:
     ]
 
 
-def load_function(text: str) -> Callable[..., Any]:
-    """A function from ``path/to/file.py:name``.
+def check_function(
+    text: str,
+    *,
+    level: float = 1e-3,
+    seed: int = 0,
+    **hints: Any,
+) -> list[Check]:
+    """All checks of a function in a file, and of the sampling routine beside it.
+
+    Parameters
+    ----------
+    text : str
+        ``path/to/file.py:name`` of a function ``name(wi, wo)``, as for `albedo.model_from`. When
+        the file has ``name_sample(u, wi)``, directions for points of the unit square, and
+        ``name_pdf(wi, wo)``, their density in 1/sr, these are put to the test as well.
+    level : float
+    seed : int
+        As for `check`.
+    **hints
+        What `albedo.model_from` takes.
+
+    Returns
+    -------
+    list of Check
 
     Raises
     ------
     InputError
-        When there is no such file or function, or the file cannot be run.
+        When there is no such file or function, the file cannot be run, or it has only one of the
+        two functions of a sampling routine.
     """
+    from albedo.user import model_from
+
+    module, path, name = _load(text)
+    model = model_from(_function(module, path, name), name=name, **hints)
+    checks = check(model, level, seed)
+    own = [hasattr(module, name + suffix) for suffix in ("_sample", "_pdf")]
+    if not any(own):
+        return checks
+    if not all(own):
+        has, lacks = ("_sample", "_pdf") if own[0] else ("_pdf", "_sample")
+        raise InputError(f"{path} has {name}{has} but no {name}{lacks}; a test needs both")
+    draw, density = (_function(module, path, name + suffix) for suffix in ("_sample", "_pdf"))
+    for k, (mu, turn) in enumerate(zip(_COSINES.tolist(), _TURNS.tolist(), strict=True)):
+        result = chi_square(
+            *(draw, density, mu, turn), level=0.5 * level, tests=len(_COSINES), seed=seed + k
+        )
+        checks.append(Check(f"{name}_sample at cos theta = {mu:g}", result.passed, str(result)))
+    return checks
+
+
+def _load(text: str) -> tuple[Any, Path, str]:
+    """The module of ``path/to/file.py:name``, its path, and the name."""
     path_text, _, name = text.rpartition(":")
     path = Path(path_text)
     if not path.is_file():
@@ -443,6 +488,10 @@ def load_function(text: str) -> Callable[..., Any]:
         raise InputError(f"{path} cannot be run: {type(error).__name__}: {error}") from None
     finally:
         sys.path.pop(0)
+    return module, path, name
+
+
+def _function(module: Any, path: Path, name: str) -> Callable[..., Any]:
     function = getattr(module, name, None)
     if not callable(function):
         found = ", ".join(k for k, v in vars(module).items() if callable(v) and k[0] != "_")
