@@ -13,6 +13,7 @@ from albedo.analysis import checks
 from albedo.analysis.checks import check, check_function, chi_square, finite_draws
 from albedo.brdf import Model
 from albedo.cli import app
+from albedo.directions import spherical
 from albedo.errors import InputError
 from albedo.sampling.mixture import Sample
 
@@ -110,6 +111,16 @@ def test_a_density_that_is_not_normalised_is_caught(factor: float) -> None:
     assert result.above == pytest.approx(factor, rel=1e-3)
 
 
+def test_the_share_above_the_horizon_is_the_integral_of_the_density() -> None:
+    mirror = albedo.model("he_torrance", sigma0=0.03, tau=1.0)
+    for model in (PHONG, mirror, albedo.model("ward", m=0.3) + albedo.model("lambert")):
+        value, error = checks.above_horizon(model, 0.1, 0.4)
+        wo = model.sample(np.random.default_rng(1).random((100_000, 2)), spherical(0.1, 0.4)).wo
+        spread = np.sqrt(value * (1.0 - value) / 1e5)
+        assert error < 1e-6
+        assert abs(np.mean(wo[:, 2] > 0.0) - value) <= 5.0 * spread
+
+
 def test_draws_from_half_of_the_lobe_are_caught() -> None:
     def half(u: np.ndarray, wi: np.ndarray) -> np.ndarray:
         wo = PHONG.sample(u, wi).wo.copy()
@@ -136,7 +147,7 @@ def test_checks_of_a_broken_model_fail(monkeypatch: pytest.MonkeyPatch) -> None:
         return Sample(found.wo, found.pdf, 1.01 * found.weight)
 
     monkeypatch.setattr(type(skewed), "sample", heavy)
-    assert [one.passed for one in checks.sampling(skewed)] == [False, True, True, True, True]
+    assert [one.passed for one in checks.sampling(skewed)] == [False, *5 * [True]]
 
 
 def test_functions_in_a_file_are_checked_with_their_sampling(file: Path) -> None:
@@ -175,7 +186,7 @@ def test_the_command_says_what_failed(file: Path) -> None:
     )
     assert bad.exit_code == 1
     assert "FAILED" in bad.stdout
-    assert "5 of 13 checks failed" in bad.stdout
+    assert "5 of 14 checks failed" in bad.stdout
     for line, message in (
         (["check", "phong", "--lobe", "mirror"], "is about a function in a file"),
         (["check", "phong", "--level", "2"], "--level 2 is out of range"),

@@ -124,8 +124,8 @@ def test_findings_are_measured_again(finding: str) -> None:
     for arguments in runs:
         printed = output([word for word in arguments if word != "--csv"])
         measured += intervals(printed)
-    manifest = json.loads((ROOT / "reports/full/nns_fig1/manifest.json").read_text("utf-8"))
-    if "albedo study run nns_fig1" in finding:
+    for name in re.findall(r"albedo study run (\w+)", finding):
+        manifest = json.loads((ROOT / f"reports/full/{name}/manifest.json").read_text("utf-8"))
         measured += intervals(" ".join(manifest["notes"]))
     stated = intervals(re.sub(r"```.*?```", "", finding, flags=re.DOTALL))
     assert stated

@@ -23,6 +23,8 @@ from albedo.errors import ConvergenceWarning, InputError
 from albedo.integrators.adaptive import integrate
 from albedo.integrators.monte_carlo import monte_carlo_albedo
 from albedo.quadrature import directional_albedo
+from albedo.sampling.mixture import Mixture, mixture_of, routine_of, spike_probability
+from albedo.sampling.routines import COSINE, UNIFORM
 
 Draw = Callable[[np.ndarray, np.ndarray], np.ndarray]
 Density = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -270,6 +272,58 @@ def _integrals(density: Density, wi: np.ndarray, box: np.ndarray) -> tuple[np.nd
     return found.value, found.error
 
 
+def above_horizon(
+    model: Model, cos_theta: float, phi: float = 0.0, rtol: float = 1e-8
+) -> tuple[float, float]:
+    """The probability that a draw of a model lies above the horizon, Dirac parts included.
+
+    Parameters
+    ----------
+    model : Model
+        Without channels.
+    cos_theta, phi : float
+        The light direction.
+    rtol : float
+        Relative error of the integral of each routine's density.
+
+    Returns
+    -------
+    value, error : float
+        The integral of the density, each routine in the chart of the part that it is for, and its
+        bound.
+    """
+    wi = spherical(cos_theta, phi)
+    energies = model.spikes(wi[None])[1]
+    share = (
+        float(spike_probability(energies.sum(0), bool(model.parts()))[0]) if len(energies) else 0
+    )
+    mixture = mixture_of(model)
+    found = {routine_of(part): part for part in reversed(model.parts())}
+    value = error = 0.0
+    for own, routine in zip(mixture.shares, mixture.routines, strict=True):
+        if routine in (COSINE, UNIFORM):
+            value += own
+            continue
+        alone, part = Mixture((1.0,), (routine,)), found[routine]
+
+        def over_cosine(
+            row: Any, light: np.ndarray, wo: np.ndarray, h: np.ndarray, alone: Mixture = alone
+        ) -> np.ndarray:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                return np.where(wo[2] > 0.0, alone.density(light, wo, h) / wo[2], 0.0)
+
+        result = integrate(
+            *(part.chart, over_cosine, np.array([cos_theta]), np.array([phi])),
+            *(np.array([part.widths]), False),
+            rtol=rtol,
+            atol=0.0,
+            limit=400_000,
+        )
+        value += own * float(result.value[0])
+        error += own * float(result.error[0])
+    return share + (1.0 - share) * value, (1.0 - share) * error
+
+
 def finite_draws(model: Model) -> Draw:
     """The draws of a model as `chi_square` wants them: NaN for a Dirac part."""
 
@@ -315,12 +369,18 @@ def energy(model: Model) -> Check:
 
 def sampling(model: Model, level: float = 1e-3, seed: int = 0) -> list[Check]:
     """Weights, densities and draws of a model, at four directions of incidence."""
+    from scipy import stats
+
     directions = list(zip(_COSINES.tolist(), _TURNS.tolist(), strict=True))
-    worst, count = 0.0, 0
+    worst, count, scores = 0.0, 0, []
     rng = np.random.default_rng(seed)
     for mu, turn in directions:
         wi = spherical(mu, turn)
         found = model.sample(rng.random((2000, 2)), wi)
+        share, bound = above_horizon(model, mu, turn, rtol=1e-6)
+        seen = float(np.mean(found.wo[:, 2] > 0.0))
+        spread = math.sqrt(max(share * (1.0 - share), 1.0 / 2000) / 2000)
+        scores.append((abs(seen - share) - bound) / spread)
         finite = np.isfinite(found.pdf) & (found.wo[:, 2] > 0.0)
         if finite.any():
             wo = found.wo[finite]
@@ -329,6 +389,10 @@ def sampling(model: Model, level: float = 1e-3, seed: int = 0) -> list[Check]:
             worst, count = max(worst, float(off.max())), count + int(finite.sum())
     said = f"weights and f n.v/pdf of {count} draws differ by at most {worst:.2g} of the largest"
     checks = [Check("weights", worst <= 1e-6, said)]
+    limit = float(stats.norm.isf(0.5 * level / len(scores)))
+    said = "shares of draws above the horizon are off from the integrals of the density by at most "
+    said += f"{max(*scores, 0.0):.2f} standard errors (at most {limit:.2f})"
+    checks.append(Check("above the horizon", max(scores) <= limit, said))
     if not model.parts():
         return checks
     for k, (mu, turn) in enumerate(directions):
@@ -396,8 +460,8 @@ def check(model: Model, level: float = 1e-3, seed: int = 0) -> list[Check]:
     model : Model
         Of the catalogue or made by `albedo.model_from`; one channel of it, where it has several.
     level : float
-        Chance that a statistical check fails for a correct model; there are two kinds, draws and
-        agreement.
+        Chance that a statistical check fails for a correct model; there are three kinds, shares,
+        draws and agreement.
     seed : int
 
     Returns
@@ -413,8 +477,8 @@ def check(model: Model, level: float = 1e-3, seed: int = 0) -> list[Check]:
     return [
         reciprocity(model, seed),
         energy(model),
-        *sampling(model, 0.5 * level, seed),
-        agreement(model, 0.5 * level, seed),
+        *sampling(model, level / 3.0, seed),
+        agreement(model, level / 3.0, seed),
         table(model),
     ]
 
@@ -464,7 +528,7 @@ def check_function(
     draw, density = (_function(module, path, name + suffix) for suffix in ("_sample", "_pdf"))
     for k, (mu, turn) in enumerate(zip(_COSINES.tolist(), _TURNS.tolist(), strict=True)):
         result = chi_square(
-            *(draw, density, mu, turn), level=0.5 * level, tests=len(_COSINES), seed=seed + k
+            *(draw, density, mu, turn), level=level / 3.0, tests=len(_COSINES), seed=seed + k
         )
         checks.append(Check(f"{name}_sample at cos theta = {mu:g}", result.passed, str(result)))
     return checks
