@@ -238,7 +238,7 @@ class Part:
     routine : Routine, optional
         How to draw directions for this lobe; by default what the chart and the widths suggest.
     share : float
-        Of all draws, relative to the shares of the other parts.
+        A factor of the part's share of all draws, which is its share of the energy.
     """
 
     name: str

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,6 +33,9 @@ model's own for one half of the draws and n.v/pi for the other."""
 
 # Of the draws of a model with finite parts, Dirac parts take at least and at most these shares.
 _RAREST, _MOST = 0.05, 0.95
+
+# The direction at which the parts of a model are weighed, how well, and the least share.
+_TYPICAL, _ROUGH, _LEAST = 0.6, 1e-2, 0.1
 
 
 class Sample(NamedTuple):
@@ -143,6 +147,34 @@ def routine_of(part: Part) -> Routine:
     return ggx_normals(2.0 * wx, 2.0 * wy)
 
 
+@lru_cache(maxsize=4096)
+def _own(model: Model) -> tuple[tuple[Routine, float], ...]:
+    """The routines of a model with their shares.
+
+    In proportion to the albedos of the parts at one direction, roughly, but a tenth at least:
+    elsewhere a part may matter more.
+    """
+    parts = model.parts()
+    if not parts:
+        return ((COSINE, 1.0),)
+    energies = np.ones(len(parts))
+    if len(parts) > 1:
+        # Here, because Monte Carlo needs no quadrature but for this.
+        from albedo.quadrature import albedo_rows
+
+        place = np.array([_TYPICAL]), np.zeros(1)
+        found = albedo_rows([model], *place, rtol=_ROUGH, atol=_ROUGH).parts
+        energies = np.array([float(found[part.name].value[0]) for part in parts])
+    energies *= [part.share for part in parts]
+    energies = np.where(np.isfinite(energies), energies, 0.0)
+    energies = np.maximum(energies, max(_LEAST * float(energies.sum()), 1e-300))
+    shares: dict[Routine, float] = {}
+    for part, energy in zip(parts, energies / energies.sum(), strict=True):
+        routine = routine_of(part)
+        shares[routine] = shares.get(routine, 0.0) + float(energy)
+    return tuple(shares.items())
+
+
 def mixture_of(model: Model, strategy: str = "model") -> Mixture:
     """The routines of a model, or of another strategy, with their shares.
 
@@ -168,14 +200,7 @@ def mixture_of(model: Model, strategy: str = "model") -> Mixture:
         return Mixture((1.0,), (COSINE,))
     if strategy == "uniform":
         return Mixture((1.0,), (UNIFORM,))
-    shares: dict[Routine, float] = {}
-    for part in model.parts():
-        routine = routine_of(part)
-        shares[routine] = shares.get(routine, 0.0) + part.share
-    if not shares:
-        shares = {COSINE: 1.0}
-    whole = sum(shares.values())
-    shares = {routine: share / whole for routine, share in shares.items()}
+    shares = dict(_own(model))
     if strategy == "mixture":
         shares = {routine: 0.5 * share for routine, share in shares.items()}
         shares[COSINE] = shares.get(COSINE, 0.0) + 0.5
