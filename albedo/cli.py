@@ -346,7 +346,14 @@ def evaluate(
         cosines, angles = _incidence(cos, theta, default="0,15,30,45,60,75,85,89")
         azimuths = _azimuths(phi)
     rows: list[dict[str, Any]] = []
-    with _warnings_as_lines(), _compiling(spec), _progress("evaluating", spec.count) as advance:
+    # A bar over models says nothing while one of them is drawn a billion times: count draws there.
+    drawn = method == "mc" and rtol is None
+    steps = spec.count
+    if drawn:
+        steps *= len(cosines) * len(azimuths) * (find.keywords["samples"] or 2**20)
+    with _warnings_as_lines(), _compiling(spec), _progress("evaluating", steps) as advance:
+        if drawn:
+            find = partial(find, progress=_counted(advance, steps))
         for done, (label, built) in enumerate(_labelled(spec), 1):
             for channel, kind in enumerate(built.by_channel()):
                 number = None if kind is built else channel
@@ -359,7 +366,8 @@ def evaluate(
                     options = {"complement": True} if complement else {}
                     estimate = find(kind, cosines, phi=_radians(azimuth), fixed=fixed, **options)
                     rows += _rows(label, number, quantity, estimate, cosines, angles, azimuth)
-            advance(done, spec.count)
+            if not drawn:
+                advance(done, spec.count)
     if as_json:
         import json
 
@@ -374,6 +382,18 @@ def evaluate(
         _print_rows(rows)
 
 
+def _counted(advance: Callable[[int, int], None], total: int) -> Callable[[int], None]:
+    """What adds up the draws that it is told of, for a progress bar."""
+    done = 0
+
+    def add(draws: int) -> None:
+        nonlocal done
+        done += draws
+        advance(min(done, total), total)
+
+    return add
+
+
 def _method(
     method: str,
     rtol: float | None,
@@ -382,7 +402,7 @@ def _method(
     sequence: str | None,
     seed: int | None,
     default_rtol: float = 1e-8,
-) -> Callable[..., Any]:
+) -> partial[Any]:
     """What computes albedos: called with a model, cosines, and phi and fixed by name."""
     import albedo
     from albedo.grammar import parse_numbers

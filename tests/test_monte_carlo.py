@@ -403,6 +403,17 @@ def test_the_command_line_draws_as_the_function_does() -> None:
     assert row["reliable"] is True
 
 
+def test_draws_are_reported_as_they_are_made() -> None:
+    told: list[int] = []
+    for sequence in monte_carlo.SEQUENCES:
+        told.clear()
+        found = albedo.monte_carlo_albedo(
+            GGX, [0.5, 0.9], samples=100_000, sequence=sequence, threads=2, progress=told.append
+        )
+        assert len(told) > 4
+        assert sum(told) == int(found.evaluations.sum())
+
+
 @pytest.mark.parametrize(
     ("line", "message"),
     [
