@@ -237,8 +237,6 @@ class Part:
         is called with the cosines of light directions; with None it gives the worst of all.
     routine : Routine, optional
         How to draw directions for this lobe; by default what the chart and the widths suggest.
-    share : float
-        A factor of the part's share of all draws, which is its share of the energy.
     """
 
     name: str
@@ -251,7 +249,6 @@ class Part:
     scale: float = 1.0
     doubt: float | Callable[[np.ndarray | None], Any] = 0.0
     routine: Routine | None = None
-    share: float = 1.0
 
     def packed(self, rows: np.ndarray) -> np.ndarray:
         """What the kernels of this part see of packed parameters (rows, k)."""

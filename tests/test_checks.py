@@ -111,6 +111,19 @@ def test_a_density_that_is_not_normalised_is_caught(factor: float) -> None:
     assert result.above == pytest.approx(factor, rel=1e-3)
 
 
+def test_a_density_that_cannot_be_integrated_says_nothing_for_the_draws() -> None:
+    """Stripes of 1e-4 rad: twice the density on every second one."""
+
+    def striped(wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+        even = np.floor(1e4 * np.arctan2(wo[:, 1], wo[:, 0])) % 2 == 0
+        return np.where(even, 1.999, 0.001) * PHONG.pdf(wi, wo)
+
+    result = chi_square(finite_draws(PHONG), striped, 0.7, samples=5000)
+    assert result.bound > checks.LOOSE
+    assert not result.passed
+    assert "uncertain by" in str(result)
+
+
 def test_the_share_above_the_horizon_is_the_integral_of_the_density() -> None:
     mirror = albedo.model("he_torrance", sigma0=0.03, tau=1.0)
     for model in (PHONG, mirror, albedo.model("ward", m=0.3) + albedo.model("lambert")):

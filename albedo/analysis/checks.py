@@ -37,6 +37,9 @@ _DEEPEST = 60
 # Of what is expected in a cell, the error of the integral of the density: far below its spread.
 _RTOL = 1e-4
 
+LOOSE = 0.01
+"""Most that the integral of a density may be uncertain by, for a test of draws against it."""
+
 _COSINES = np.array([0.95, 0.6, 0.25, 0.05])
 _TURNS = np.array([0.3, 1.2, 2.5, 4.0])
 
@@ -73,8 +76,9 @@ class ChiSquare:
         The p-value below which the test fails.
     undensified : int
         Draws above the horizon at which the density is 0; any is a failure.
-    above : float
-        Integral of the density over the upper hemisphere.
+    above, bound : float
+        Integral of the density over the upper hemisphere, and its bound: where that is more than
+        `LOOSE`, nothing is known of the draws, and the test fails.
     """
 
     statistic: float
@@ -83,14 +87,18 @@ class ChiSquare:
     level: float
     undensified: int
     above: float
+    bound: float
 
     @property
     def passed(self) -> bool:
         """Whether draws and density may belong together."""
-        return self.undensified == 0 and self.p_value >= self.level
+        sound = self.undensified == 0 and self.bound <= LOOSE
+        return sound and self.p_value >= self.level
 
     def __str__(self) -> str:
         lost = f", {self.undensified} draws where the density is 0" if self.undensified else ""
+        if not self.bound <= LOOSE:
+            lost += f", the integral of the density is uncertain by {self.bound:.2g}"
         return (
             f"chi-square {self.statistic:.4g} with {self.degrees} degrees of freedom, "
             f"p = {self.p_value:.3g} (fails below {self.level:.2g}){lost}"
@@ -251,7 +259,8 @@ def chi_square(
     # A density that integrates to more than 1 leaves less than nothing below.
     excess = whole - 1.0 > float(bound.sum()) + 1e-9
     p = 0.0 if excess else float(stats.chi2.sf(statistic, degrees))
-    return ChiSquare(statistic, p, degrees, level / tests, undensified, whole)
+    uncertain = float(bound.sum())
+    return ChiSquare(statistic, p, degrees, level / tests, undensified, whole, uncertain)
 
 
 def _integrals(density: Density, wi: np.ndarray, box: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

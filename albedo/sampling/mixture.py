@@ -165,7 +165,6 @@ def _own(model: Model) -> tuple[tuple[Routine, float], ...]:
         place = np.array([_TYPICAL]), np.zeros(1)
         found = albedo_rows([model], *place, rtol=_ROUGH, atol=_ROUGH).parts
         energies = np.array([float(found[part.name].value[0]) for part in parts])
-    energies *= [part.share for part in parts]
     energies = np.where(np.isfinite(energies), energies, 0.0)
     energies = np.maximum(energies, max(_LEAST * float(energies.sum()), 1e-300))
     shares: dict[Routine, float] = {}
