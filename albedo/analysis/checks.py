@@ -23,7 +23,7 @@ from albedo.errors import ConvergenceWarning, InputError
 from albedo.integrators.adaptive import integrate
 from albedo.integrators.monte_carlo import monte_carlo_albedo
 from albedo.quadrature import directional_albedo
-from albedo.sampling.mixture import Mixture, mixture_of, routine_of, spike_probability
+from albedo.sampling.mixture import Mixture, mixture_of, routines_of, spike_probability
 from albedo.sampling.routines import COSINE, UNIFORM
 
 Draw = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -307,7 +307,7 @@ def above_horizon(
         float(spike_probability(energies.sum(0), bool(model.parts()))[0]) if len(energies) else 0
     )
     mixture = mixture_of(model)
-    found = {routine_of(part): part for part in reversed(model.parts())}
+    found = {routine: part for part in reversed(model.parts()) for routine in routines_of(part)}
     value = error = 0.0
     for own, routine in zip(mixture.shares, mixture.routines, strict=True):
         if routine in (COSINE, UNIFORM):

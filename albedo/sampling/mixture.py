@@ -118,33 +118,36 @@ def _density(
     routine.density(wi, wo, h, _numbers(routine, wi.shape[1]), out)
 
 
-def routine_of(part: Part) -> Routine:
-    """How to draw directions for a part: its own routine, or what its chart suggests.
+def routines_of(part: Part) -> tuple[Routine, ...]:
+    """How to draw directions for a part, in equal shares: its own routine, or what its chart says.
 
     A lobe is drawn with a density that falls no faster than it does itself.
     """
     if part.routine is not None:
-        return part.routine
+        return (part.routine,)
     chart, (wx, wy) = part.chart, part.widths
     if isinstance(chart, AxisChart):
-        return axis_power(chart.coefficients, min(part.widths) ** -2)
+        return (axis_power(chart.coefficients, min(part.widths) ** -2),)
     if not isinstance(chart, PolarChart):
-        return COSINE
+        return (COSINE,)
     wx, wy = min(wx, 1.0), min(wy, 1.0)
     if chart.kind == "slope" and chart.decay == "gaussian":
-        return gaussian_normals(wx, wy)
+        return (gaussian_normals(wx, wy),)
     if chart.kind == "slope" and chart.decay == "cosine_power":
         # Widths are sqrt(2/n).
-        return normal_powers(2.0 / wx**2, 2.0 / wy**2)
-    if chart.kind in ("slope", "mirror_in_slopes"):
-        return ggx_normals(wx, wy)
+        return (normal_powers(2.0 / wx**2, 2.0 / wy**2),)
     # Widths of half the angle are 1/sqrt(2 n).
     n = max(0.5 / max(wx, wy) ** 2, 1.0)
+    if chart.kind == "mirror_in_slopes":
+        # Toward grazing the lobe keeps its width about R, while in slopes it grows without bound.
+        return (ggx_normals(wx, wy), mirror_power(n))
+    if chart.kind == "slope":
+        return (ggx_normals(wx, wy),)
     if chart.kind.startswith("retro"):
-        return axis_power((1.0, 1.0, 1.0), n)
+        return (axis_power((1.0, 1.0, 1.0), n),)
     if chart.decay == "cosine_power":
-        return mirror_power(n)
-    return ggx_normals(2.0 * wx, 2.0 * wy)
+        return (mirror_power(n),)
+    return (ggx_normals(2.0 * wx, 2.0 * wy),)
 
 
 @lru_cache(maxsize=4096)
@@ -169,8 +172,9 @@ def _own(model: Model) -> tuple[tuple[Routine, float], ...]:
     energies = np.maximum(energies, max(_LEAST * float(energies.sum()), 1e-300))
     shares: dict[Routine, float] = {}
     for part, energy in zip(parts, energies / energies.sum(), strict=True):
-        routine = routine_of(part)
-        shares[routine] = shares.get(routine, 0.0) + float(energy)
+        routines = routines_of(part)
+        for routine in routines:
+            shares[routine] = shares.get(routine, 0.0) + float(energy) / len(routines)
     return tuple(shares.items())
 
 

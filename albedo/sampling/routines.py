@@ -111,13 +111,14 @@ def _reflect(x, y, k, i, wi, wo, h):
     lx, ly, lz = wi[0, k], wi[1, k], wi[2, k]
     tan2 = x * x + y * y
     along = lx * x + ly * y
-    z = 2.0 * (along + lz) / (1.0 + tan2)
+    twice = 2.0 / (1.0 + tan2)
+    z = twice * (along + lz)
     h[0, k, i] = z * x
     h[1, k, i] = z * y
     h[2, k, i] = z
     wo[0, k, i] = z * x - lx
     wo[1, k, i] = z * y - ly
-    wo[2, k, i] = (2.0 * along + lz * (1.0 - tan2)) / (1.0 + tan2)
+    wo[2, k, i] = twice * (along + 0.5 * lz * (1.0 - tan2))
 
 
 @kernel
@@ -161,32 +162,23 @@ def _normals_density(wi, wo, h, q, out):
 
 
 @kernel
-def _quarter(place, ratio):
-    """Cosine and sine of the azimuth in four quadrants (AS eq. 21): all shares are equal."""
-    quadrant = min(int(4.0 * place), 3)
-    x = 4.0 * place - quadrant
-    if quadrant % 2 == 1:
-        x = 1.0 - x
-    t = ratio * math.tan(0.5 * _PI * x)
-    cosine = 1.0 / math.sqrt(1.0 + t * t)
-    sine = t * cosine if t < 1e8 else 1.0
-    if quadrant == 1 or quadrant == 2:
-        cosine = -cosine
-    if quadrant >= 2:
-        sine = -sine
-    return cosine, sine
-
-
-@kernel
 def _powers(wi, u, q, wo, h):
+    """AS eqs. 21 and 22, their four quadrants at once.
+
+    tan(phi) = sqrt((n_u + 1)/(n_v + 1)) tan(2 pi u_1), with phi in the quadrant of 2 pi u_1: the
+    direction (cos(2 pi u_1), ratio sin(2 pi u_1)), here from the tangent of half the angle past pi.
+    """
     for k in range(wo.shape[1]):
         n_u, n_v = q[k, 0], q[k, 1]
         ratio = math.sqrt((n_u + 1.0) / (n_v + 1.0))
         for i in range(wo.shape[2]):
-            cosine, sine = _quarter(u[1, k, i], ratio)
-            n = n_u * cosine * cosine + n_v * sine * sine
-            t = math.sqrt(math.expm1(-2.0 * math.log1p(-u[0, k, i]) / (n + 1.0)))
-            _reflect(t * cosine, t * sine, k, i, wi, wo, h)
+            half = math.tan(_PI * (u[1, k, i] - 0.5))
+            x, y = (half - 1.0) * (half + 1.0), -2.0 * ratio * half
+            x2, y2 = x * x, y * y
+            over = 1.0 / (x2 + y2)
+            n = over * (n_u * x2 + n_v * y2)
+            t = math.sqrt(over * math.expm1(-2.0 * math.log(1.0 - u[0, k, i]) / (n + 1.0)))
+            _reflect(t * x, t * y, k, i, wi, wo, h)
 
 
 @kernel
