@@ -35,6 +35,27 @@ def points(rng: np.random.Generator, *shape: int) -> np.ndarray:
     return rng.random((*shape, 2))
 
 
+@pytest.mark.parametrize(("n_u", "n_v"), [(100.0, 100.0), (10.0, 1000.0), (1e4, 0.5)])
+def test_half_vectors_are_drawn_as_ashikhmin_and_shirley_print_it(
+    n_u: float, n_v: float, rng: np.random.Generator
+) -> None:
+    """AS eqs. 21 and 22: one quadrant by the tangent, mirrored into the others."""
+    u = points(rng, 500)
+    u[:4] = [[0.5, 0.0], [0.5, 0.25], [0.5, 0.5], [0.5, 0.75]]
+    model = albedo.model("ashikhmin_shirley", n_u=n_u, n_v=n_v)
+    wo = model.sample(u, [0.0, 0.0, 1.0]).wo
+    quadrant = np.floor(4.0 * u[:, 1])
+    x = 4.0 * u[:, 1] - quadrant
+    x = np.where(quadrant % 2 == 1, 1.0 - x, x)
+    phi = np.arctan(math.sqrt((n_u + 1.0) / (n_v + 1.0)) * np.tan(0.5 * math.pi * x))
+    phi = np.choose(quadrant.astype(int), [phi, math.pi - phi, math.pi + phi, -phi])
+    n = n_u * np.cos(phi) ** 2 + n_v * np.sin(phi) ** 2
+    theta_h = np.arccos((1.0 - u[:, 0]) ** (1.0 / (n + 1.0)))
+    expected = spherical(np.cos(2.0 * theta_h), phi)
+    # The arc cosine turns a rounding of the cosine into its root; ratios stretch the azimuth.
+    np.testing.assert_allclose(wo, expected, atol=1e-7)
+
+
 @moderate
 def test_draws_are_directions_with_their_densities_and_weights(
     model: Model, rng: np.random.Generator
