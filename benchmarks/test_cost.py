@@ -18,6 +18,7 @@ import pytest
 
 import albedo
 from albedo.brdf import Model
+from albedo.integrators import cells
 
 COS = 0.5
 MODELS = {
@@ -60,6 +61,44 @@ def test_table_32_by_32(benchmark, name: str, threads: int) -> None:
     print(
         f"\n{name}, {threads} thread(s): {spent:.3f} s, {np.median(count):.0f} evaluations per "
         f"entry (most {count.max()}), {1e9 * spent / count.sum():.0f} ns per evaluation"
+    )
+
+
+@pytest.mark.parametrize("name", [name for name in TABLES if name != "he_torrance"])
+def test_two_threads(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """How much faster two threads are, and what the machine lets two threads have.
+
+    Two processors that share a core, or their time with others, take longer for the same work
+    when both are busy. So pairs of runs are told apart by the processor time of the kernels, which
+    a machine with two free cores does not change.
+    """
+    model, sweep = TABLES[name]
+    cosines = np.linspace(0.01, 1.0, 32)
+    real, kernels = cells._sweep, []
+
+    def counted(*arguments: object) -> None:
+        start = time.thread_time()
+        real(*arguments)
+        kernels.append(time.thread_time() - start)
+
+    monkeypatch.setattr(cells, "_sweep", counted)
+
+    def run(threads: int) -> tuple[float, float]:
+        kernels.clear()
+        start = time.perf_counter()
+        albedo.table(model, cosines, sweep=sweep, threads=threads)
+        return time.perf_counter() - start, sum(kernels)
+
+    run(1), run(2)
+    pairs = [(run(1), run(2)) for _ in range(21)]
+    quiet = [one[0] / two[0] for one, two in pairs if two[1] < 1.05 * one[1]]
+    every = median(one[0] / two[0] for one, two in pairs)
+    growth = median(two[1] / one[1] for one, two in pairs)
+    free = f"{median(quiet):.2f}" if quiet else "none"
+    print(
+        f"\n{name}, two threads: {every:.2f} times faster in the median of {len(pairs)} pairs, in "
+        f"which the kernels took {growth:.2f} times the processor time; {free} in the {len(quiet)} "
+        "pairs in which they took less than 1.05 times"
     )
 
 

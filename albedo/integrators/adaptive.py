@@ -256,11 +256,12 @@ def _plan(
     A row that cannot pay for all of it from its budget pays for the worst cells; one that does
     nothing is active no longer. What is paid is added to `spent`, and a round to those that paid.
     """
-    m = cells.row.size
     total = cells.error[:, 0] + cells.error[:, 1]
-    place = np.lexsort((total, cells.row))
-    ends = np.concatenate(([0], np.cumsum(np.bincount(cells.row, minlength=active.size))))
-    usual = _start_orders(start, cells.code)
+    place = np.flatnonzero(active[cells.row])
+    m, row = place.size, cells.row[place]
+    place = place[np.lexsort((total[place], row))]
+    ends = np.concatenate(([0], np.cumsum(np.bincount(row, minlength=active.size))))
+    usual = _start_orders(start, cells.code[place])
     parent, order, cut = np.empty(m, dtype=int), np.empty((m, 2), dtype=int), np.empty(m, dtype=int)
     count = _choose_all(
         *(ends, place, total, cells.error, cells.size, cells.order, usual, allowed, active, budget),
@@ -289,7 +290,8 @@ def _choose_all(
 ):
     """Fill parent, order and cut; return how many cells are to be computed again.
 
-    `place` has the cells of every row from the smallest error on, those of row r from ends[r].
+    `place` has the cells of every active row from the smallest error on, those of row r from
+    ends[r] on; `usual` is in the same order.
     """
     count = 0
     for r in range(active.size):
@@ -308,7 +310,7 @@ def _choose_all(
         for j in range(last - 1, first - 1, -1):
             i = place[j]
             cut[count] = -1
-            order[count, 0], order[count, 1] = usual[i, 0], usual[i, 1]
+            order[count, 0], order[count, 1] = usual[j, 0], usual[j, 1]
             if max(old[i, 0], old[i, 1]) > _GLANCE:
                 cut[count] = _choose(goal, error[i], size[i], old[i], order[count])
             cost = order[count, 0] * order[count, 1] * (2 if cut[count] >= 0 else 1)

@@ -179,7 +179,8 @@ def evaluate(chart: Chart, integrand: Integrand, geometry: np.ndarray, cells: Ce
         Changed in place.
     """
     # Cells that share a pair of orders stand together, so that every block is a slice.
-    key = cells.order[:, 0] * 1000 + cells.order[:, 1]
+    # Sixteen bits are sorted in linear time.
+    key = (cells.order[:, 0] * (LADDER[-1] + 1) + cells.order[:, 1]).astype(np.int16)
     rank = np.argsort(key, kind="stable")
     row, code, box, order = (a[rank] for a in (cells.row, cells.code, cells.box, cells.order))
     geometry = geometry[row]
