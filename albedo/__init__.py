@@ -24,6 +24,7 @@ _HOME = {
     "monte_carlo_albedo": "albedo.integrators.monte_carlo",
     "MonteCarloEstimate": "albedo.integrators.monte_carlo",
     "table": "albedo.tables",
+    "pump": "albedo.operators.pump",
     "Estimate": "albedo.estimate",
     "Model": "albedo.brdf",
     "InputError": "albedo.errors",
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from albedo.errors import ConvergenceWarning, DivergenceError, InputError
     from albedo.estimate import Estimate
     from albedo.integrators.monte_carlo import MonteCarloEstimate, monte_carlo_albedo
+    from albedo.operators.pump import pump
     from albedo.quadrature import directional_albedo
     from albedo.tables import table
     from albedo.user import model_from
@@ -55,6 +57,7 @@ __all__ = [
     "model_from",
     "models",
     "monte_carlo_albedo",
+    "pump",
     "table",
 ]
 

@@ -57,6 +57,98 @@ class Result:
     converged: np.ndarray
 
 
+@dataclass
+class Refined:
+    """Cells on which the integrals of all rows are known, before rounding is told.
+
+    Attributes
+    ----------
+    geometry : ndarray
+        What the chart told of every row.
+    cells : Cells
+        All cells, with what was measured of them.
+    doubt : ndarray, shape (n,)
+        Factors of the bounds of the rows.
+    spent, rounds : ndarray of int, shape (n,)
+        Evaluations, and how often a row was refined.
+    """
+
+    geometry: np.ndarray
+    cells: Cells
+    doubt: np.ndarray
+    spent: np.ndarray
+    rounds: np.ndarray
+
+
+def refine(
+    chart: Chart,
+    integrand: Integrand,
+    cos_theta: np.ndarray,
+    phi: np.ndarray,
+    widths: np.ndarray,
+    isotropic: bool,
+    *,
+    rtol: float,
+    atol: float | np.ndarray,
+    limit: int,
+    fine: bool = False,
+) -> Refined:
+    """Cut and raise cells until their bounds sum to a quarter of what is tolerated, or less.
+
+    Parameters
+    ----------
+    chart, integrand, cos_theta, phi, widths, isotropic, rtol, atol, limit, fine
+        As in `integrate`.
+
+    Returns
+    -------
+    Refined
+        Rows that could not be had as well as asked for are among them, with larger bounds.
+    """
+    n = cos_theta.size
+    geometry, row, code, box = chart.panels(cos_theta, phi, widths, isotropic, fine=fine)
+    per_row = np.bincount(row, minlength=n)
+    start = 10 if rtol >= 1e-6 else 12 if rtol >= 1e-10 else 16
+    doubt = np.ones(n)
+    fits = [p for p in LADDER if p <= start and per_row.max() * (p * p + 8) <= limit]
+    if not fits or fits[-1] < 4:
+        geometry, row, code, box = chart.panels(cos_theta, phi, widths, isotropic, coarse=True)
+        per_row = np.bincount(row, minlength=n)
+        # Kinks and layers inside the panels slow the fall that the bound extrapolates.
+        doubt = np.full(n, 4.0)
+        fits = [p for p in LADDER if p <= start and per_row.max() * (p * p + 2) <= limit]
+    order = fits[-1] if fits else 2
+    m = row.size
+    first = np.full((m, 2), order)
+    if order == start:
+        first = _start_orders(start, code)
+        first[per_row[row] > _CROWD] = _GLANCE
+    cells = Cells.blank(row, code, box, first)
+    spent = np.bincount(row, weights=first.prod(1), minlength=n).astype(int)
+    evaluate(chart, integrand, geometry, cells)
+    active = np.ones(n, dtype=bool)
+    rounds = np.zeros(n, dtype=int)
+    for _ in range(_ROUNDS):
+        value, error, size, leaves = _sums(cells, n)
+        rounding = _ROUNDINGS * _EPS * size
+        target = np.maximum(atol, rtol * np.abs(value))
+        # Leave half of the tolerance to rounding and to the probe.
+        active &= doubt * error + rounding > 0.5 * target
+        if not active.any():
+            break
+        allowed = 0.25 * target / doubt
+        budget = limit - spent - (2 * leaves + 4)
+        work = _plan(cells, allowed, active, budget, spent, rounds, start)
+        if work.parent.size == 0:
+            # Only rounding stands above what was asked for, or nothing can be paid for.
+            break
+        children = work.children(cells)
+        evaluate(chart, integrand, geometry, children)
+        _audit(cells, children, work, doubt)
+        cells.replace(work.parent, children)
+    return Refined(geometry, cells, doubt, spent, rounds)
+
+
 def integrate(
     chart: Chart,
     integrand: Integrand,
@@ -100,46 +192,16 @@ def integrate(
         With arrays of shape (n,).
     """
     n = cos_theta.size
-    geometry, row, code, box = chart.panels(cos_theta, phi, widths, isotropic, fine=fine)
-    per_row = np.bincount(row, minlength=n)
-    start = 10 if rtol >= 1e-6 else 12 if rtol >= 1e-10 else 16
-    doubt = np.ones(n)
-    fits = [p for p in LADDER if p <= start and per_row.max() * (p * p + 8) <= limit]
-    if not fits or fits[-1] < 4:
-        geometry, row, code, box = chart.panels(cos_theta, phi, widths, isotropic, coarse=True)
-        per_row = np.bincount(row, minlength=n)
-        # Kinks and layers inside the panels slow the fall that the bound extrapolates.
-        doubt = np.full(n, 4.0)
-        fits = [p for p in LADDER if p <= start and per_row.max() * (p * p + 2) <= limit]
-    order = fits[-1] if fits else 2
-    m = row.size
-    first = np.full((m, 2), order)
-    if order == start:
-        first = _start_orders(start, code)
-        first[per_row[row] > _CROWD] = _GLANCE
-    cells = Cells.blank(row, code, box, first)
-    spent = np.bincount(row, weights=first.prod(1), minlength=n).astype(int)
-    evaluate(chart, integrand, geometry, cells)
-    active = np.ones(n, dtype=bool)
-    rounds = np.zeros(n, dtype=int)
-    for _ in range(_ROUNDS):
-        value, error, size, leaves = _sums(cells, n)
-        rounding = _ROUNDINGS * _EPS * size
-        target = np.maximum(atol, rtol * np.abs(value))
-        # Leave half of the tolerance to rounding and to the probe.
-        active &= doubt * error + rounding > 0.5 * target
-        if not active.any():
-            break
-        allowed = 0.25 * target / doubt
-        budget = limit - spent - (2 * leaves + 4)
-        work = _plan(cells, allowed, active, budget, spent, rounds, start)
-        if work.parent.size == 0:
-            # Only rounding stands above what was asked for, or nothing can be paid for.
-            break
-        children = work.children(cells)
-        evaluate(chart, integrand, geometry, children)
-        _audit(cells, children, work, doubt)
-        cells.replace(work.parent, children)
+    done = refine(
+        *(chart, integrand, cos_theta, phi, widths, isotropic),
+        rtol=rtol,
+        atol=atol,
+        limit=limit,
+        fine=fine,
+    )
+    geometry, cells, doubt, spent, rounds = (
+        *(done.geometry, done.cells, done.doubt, done.spent, done.rounds),
+    )
     value, error, size, leaves = _sums(cells, n)
     if not probe:
         nodes, shift = 0, np.zeros(n)

@@ -152,7 +152,7 @@ class Cells:
 
 
 @cache
-def _rules() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def rules_by_order() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Nodes, weights and matrices to coefficients of all rules, by their numbers of nodes."""
     top = LADDER[-1]
     nodes, weights = np.zeros((top + 1, top)), np.zeros((top + 1, top))
@@ -189,7 +189,7 @@ def evaluate(chart: Chart, integrand: Integrand, geometry: np.ndarray, cells: Ce
         _sweep(
             *(address(lay_out, _NODES_TYPES), numbers, geometry, code, box),
             *(address(integrand.fill, _FILL_TYPES), integrand.p[row], integrand.scale[row]),
-            *(order, rank, *_rules(), _INNER_BLOCK, *cells.measured),
+            *(order, rank, *rules_by_order(), _INNER_BLOCK, *cells.measured),
         )
         return
     edges = np.flatnonzero(np.diff(key[rank])) + 1
@@ -250,7 +250,7 @@ def probe_cells(
 
 
 @kernel
-def _judge(along, weights, to_coefficients, spectrum):
+def judge(along, weights, to_coefficients, spectrum):
     """Fill the spectrum of a marginal; return its two bounds."""
     p = along.size
     for k in range(p):
@@ -289,11 +289,11 @@ def _reduce(block, f, weight, weights_u, weights_v, to_u, to_v, value, error, ti
             along_u[i] = total
             modulus += absolute * weights_u[i]
         size[cell] = modulus
-        error[cell, 0], report = _judge(along_u, weights_u, to_u, spectrum)
+        error[cell, 0], report = judge(along_u, weights_u, to_u, spectrum)
         value[cell] = spectrum[0]
         for j in range(min(p, MOMENTS)):
             moments[cell, 0, j] = spectrum[j]
-        error[cell, 1], other = _judge(along_v, weights_v, to_v, spectrum)
+        error[cell, 1], other = judge(along_v, weights_v, to_v, spectrum)
         for j in range(min(q, MOMENTS)):
             moments[cell, 1, j] = spectrum[j]
         tight[cell] = report + other
@@ -377,7 +377,7 @@ def compile_cells(charts: Iterable[Chart]) -> None:
     cells = Cells.blank(none, np.empty((0, 6), int), np.empty((0, 6)), np.empty((0, 2), int))
     _sweep(
         *(0, np.empty(1), table, cells.code, cells.box, 0, table, np.empty(0)),
-        *(cells.order, none, *_rules(), _INNER_BLOCK, *cells.measured),
+        *(cells.order, none, *rules_by_order(), _INNER_BLOCK, *cells.measured),
     )
     # Last: by now the kernels that they share with the panels are on disk.
     for chart in charts:

@@ -1,0 +1,425 @@
+r"""Rings of constant n.v, for integrands that know V's height as well as its distance from R.
+
+V has the elevation e_v and the azimuth pi + chi from that of L, and D = e_l - e_v is how much
+lower it stands than R. For one height everything about the mirror direction is a function of
+sin(chi/2)^2:
+
+====================================  =============================  ==================
+tan^2 of the angle of H (``slope``)   tan(D/2)^2 + B sin(chi/2)^2    B = 4 s_l s_v/(n.l + n.v)^2
+sin^2 of half the angle (R, V)        sin(D/2)^2 + B sin(chi/2)^2    B = s_l s_v
+====================================  =============================  ==================
+
+with the sines s_l and s_v of the polar angles. So curves of constant n.v, along which factors such
+as max(a(L), a(V)) have their kinks, are ends of panels; the horizon is e_v = 0; and the curves of
+the V-cavity masking, min(n.l, n.v) (n.h) = (v.h)/2, and of R.V = 0 are known in chi for each ring.
+They begin and end where chi is 0 or pi, at heights that are known too; there chi is a root, and
+nodes are clustered.
+
+Heights are stretched from R as scale sinh(s), on either side, the scale being the width of the
+lobe, or n.l where that is less; and from the horizon, where masking has a layer. In chi,
+tan(chi/4) is stretched likewise, with the width that the lobe has on that ring.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from albedo._compile import kernel
+from albedo.charts._compiled import CompiledChart, Kernel
+
+KINDS = {"slope": 0, "mirror": 1, "mirror_hemisphere": 2, "broad": 3}
+KINKS = {"none": 0, "max": 1, "v_cavity": 2}
+DECAYS = {"algebraic": 0, "gaussian": 1, "cosine_power": 2}
+# A lobe is cut at 4.5e-19 of its peak, which it reaches at so many squares of its width.
+_REACH = 42.25
+# E-folds of a stretched coordinate in one panel.
+_FOLDS = 4.0
+_THINNEST = 1e-18
+
+
+@dataclass(frozen=True)
+class RingsChart(CompiledChart):
+    """The hemisphere in rings of constant n.v, for isotropic models.
+
+    Parameters
+    ----------
+    kind : {"slope", "mirror", "mirror_hemisphere", "broad"}
+        What the lobe is a function of: the slope of H; the angle to R, below 90 degrees or at
+        all; or neither.
+    kinks : {"none", "max", "v_cavity"}
+        Curves at which the integrand has a kink, beside those of `levels`.
+    decay : {"algebraic", "gaussian", "cosine_power"}
+        How the lobe falls; the last two are cut.
+    edge : int
+        Power that clusters nodes at R.V = 0 (``mirror``).
+    thin : bool
+        The layer along the horizon is as thin as the square of the width.
+    levels : callable, optional
+        Further values of n.v at which the integrand has kinks, for values of n.l: (n,) to (n, k),
+        NaN where there are fewer. Compared by identity.
+    """
+
+    kind: str
+    kinks: str = "none"
+    decay: str = "algebraic"
+    edge: int = 1
+    thin: bool = False
+    levels: Callable[[np.ndarray], np.ndarray] | None = None
+
+    def panels(
+        self,
+        cos_theta: np.ndarray,
+        phi: np.ndarray,
+        widths: np.ndarray,
+        isotropic: bool,
+        coarse: bool = False,
+        fine: bool = False,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Panels of every row; see `albedo.charts.polar.PolarChart.panels`."""
+        if not isotropic:
+            raise TypeError("rings of constant n.v are for isotropic models")
+        c = cos_theta
+        s = np.sqrt((1 - c) * (1 + c))
+        width = np.clip(widths.min(1), 1e-12, 1.0)
+        layer = widths.min(1) ** 2 if self.thin else width
+        if self.kind == "broad":
+            width = np.ones_like(c)
+        light = c, s, np.cos(phi), np.sin(phi), np.arctan2(c, s), np.arctan2(s, c)
+        geometry = np.column_stack((*light, width, np.maximum(layer, _THINNEST)))
+        levels = np.empty((c.size, 0)) if self.levels is None else self.levels(c)
+        room = c.size * (40 + 8 * levels.shape[1]) + 64
+        while True:
+            row, code, box = np.empty(room, int), np.empty((room, 4), int), np.empty((room, 6))
+            count = _panels(geometry, levels, coarse, *self._structure, row, code, box)
+            if count >= 0:
+                return geometry, row[:count].copy(), code[:count].copy(), box[:count].copy()
+            room *= 2
+
+    @property
+    def _structure(self) -> tuple[int, int, int, int]:
+        return KINDS[self.kind], KINKS[self.kinks], DECAYS[self.decay], self.edge
+
+    @property
+    def layout(self) -> tuple[Kernel, np.ndarray]:
+        """See `albedo.charts._compiled.CompiledChart`."""
+        return _nodes, np.array(self._structure, dtype=np.float64)
+
+
+@kernel
+def _scale(g):
+    """Scale of heights about R."""
+    return max(min(2.0 * g[6], g[4]), _THINNEST)
+
+
+@kernel
+def elevation(g, side, s):
+    """Elevation of V, how far it stands below R, and the slope of the elevation.
+
+    Sides: 0 below R, 1 along the horizon, 2 above R.
+    """
+    e_l = g[4]
+    if side == 1:
+        # Squares, because n.v has a root at the horizon in many models.
+        x = math.sinh(s)
+        return g[7] * x * x, e_l - g[7] * x * x, 2.0 * g[7] * x * math.cosh(s)
+    d = _scale(g) * math.sinh(s)
+    slope = _scale(g) * math.cosh(s)
+    if side == 0:
+        return e_l - d, d, slope
+    return e_l + d, -d, slope
+
+
+@kernel
+def _ring(g, kind, kinks, decay, e_v, below):
+    """What a ring holds: the scale of tan(chi/4), the end of chi and a kink (0: none), as
+    tan(chi/4)."""
+    width = g[6]
+    if kind == 3:
+        # Broad models turn at right angles to the plane of incidence.
+        return 1.0, 1.0, math.tan(0.125 * math.pi)
+    n_l, n_v = g[0], math.sin(e_v)
+    s_v = math.cos(e_v)
+    half = math.sin(0.5 * below)
+    if kind == 0:
+        cosine = math.cos(0.5 * below)
+        a, b = (half / cosine) ** 2, 4.0 * g[1] * s_v / (n_l + n_v) ** 2
+    else:
+        a, b = half * half, g[1] * s_v
+    b = max(b, 1e-300)
+    w2 = width * width
+    # On the ring an algebraic lobe is as wide as it is far from R, and a power of 1/(1 + tan^2)
+    # falls as a + 1 does.
+    spread = w2
+    if decay == 0:
+        spread = w2 + a
+    elif decay == 2 and kind == 0:
+        spread = w2 * (1.0 + a)
+    scale = 0.5 * math.sqrt(spread / b)
+    last = 1.0
+    if decay != 0:
+        last = min(last, _quarter((_cut(kind, decay, w2) - a) / b))
+    if kind == 1:
+        last = min(last, _quarter((0.5 - a) / b))
+    kink = 0.0
+    if kinks == 2:
+        # tan^2 of the angle of H is 4 min(n.l, n.v)/(n.l + n.v) - 1 where masking sets in.
+        least = min(n_l, n_v)
+        kink = _quarter(((4.0 * least / (n_l + n_v) - 1.0) - a) / b)
+        if kink >= last:
+            kink = 0.0
+    return scale, last, kink
+
+
+@kernel
+def _cut(kind, decay, w2):
+    """Where a lobe is cut, in tan^2 of the angle of H or sin^2 of half the angle to R."""
+    x = _REACH * w2
+    if decay == 1:
+        return x
+    # (1 + x)^(-1/w^2) and (1 - 2 x)^(1/(2 w^2)).
+    if kind == 0:
+        return math.expm1(x) if x < 700.0 else math.inf
+    return -0.5 * math.expm1(-2.0 * x)
+
+
+@kernel
+def _quarter(sine2):
+    """tan(chi/4) from sin(chi/2)^2; 0 below 0, 1 above 1."""
+    if sine2 <= 0.0:
+        return 0.0
+    if sine2 >= 1.0:
+        return 1.0
+    sine = math.sqrt(sine2)
+    return sine / (1.0 + math.sqrt((1.0 - sine) * (1.0 + sine)))
+
+
+@kernel
+def _add(cuts, corner, count, x, end, is_corner):
+    """Put x among the first `count` cuts, which are in order, if it lies between 0 and `end`."""
+    if not 1e-14 * end < x < (1.0 - 1e-14) * end:
+        return count
+    j = count
+    while j > 0 and cuts[j - 1] > x:
+        cuts[j] = cuts[j - 1]
+        corner[j] = corner[j - 1]
+        j -= 1
+    cuts[j] = x
+    corner[j] = is_corner
+    return count + 1
+
+
+@kernel
+def _special(g, kind, kinks, cut, reach, places):
+    """Fill how far V stands below R on the rings where curves of kinks have chi = 0 or pi.
+
+    The end of a lobe is such a curve too: beyond, nodes would be where nothing is.
+    """
+    e_l, theta = g[4], g[5]
+    n = 0
+    if kinks == 2:
+        # V masked ahead and behind; L masked ahead and behind.
+        places[0] = 2.0 / 3.0 * e_l
+        places[1] = (math.pi - 4.0 * theta) / 3.0
+        places[2] = -2.0 * e_l
+        places[3] = math.pi - 4.0 * theta
+        n = 4
+        if places[1] < 0.0:
+            places[1] = math.nan
+        if places[3] > 0.0:
+            places[3] = math.nan
+    if kind == 1:
+        places[n] = e_l - theta
+        n += 1
+    if reach < math.inf:
+        places[n] = reach - 2.0 * theta
+        n += 1
+        if kinks == 2 and cut < 1.0:
+            # Where the lobe ends on the curve of masking, below R and above.
+            ratio = (1.0 + cut) / (3.0 - cut)
+            places[n] = e_l - math.asin(g[0] * ratio)
+            places[n + 1] = e_l - math.asin(min(g[0] / ratio, 1.0))
+            n += 2
+    return n
+
+
+@kernel
+def _panels(geometry, levels, coarse, kind, kinks, decay, edge, row, code, box):
+    """Fill row, code and box with all panels; return their number, or -1 if they do not fit."""
+    most = 20 + levels.shape[1]
+    cuts, corner = np.empty(most), np.empty(most, np.bool_)
+    places = np.empty(10)
+    count = 0
+    for i in range(geometry.shape[0]):
+        g = geometry[i]
+        e_l, theta = g[4], g[5]
+        cut = reach = math.inf
+        if decay != 0 and kind != 3:
+            cut = _cut(kind, decay, g[6] * g[6])
+            root = math.sqrt(cut)
+            reach = 2.0 * math.atan(root) if kind == 0 else 2.0 * math.asin(min(root, 1.0))
+        known = 0 if coarse else _special(g, kind, kinks, cut, reach, places)
+        for side in range(3):
+            # The variable is D, e_v and -D on the three sides.
+            first, last = 0.0, 0.5 * e_l
+            if side == 0:
+                last = min(last, reach)
+            elif side == 1:
+                first = max(e_l - reach, 0.0)
+            else:
+                last = min(theta, reach)
+            if not last > first:
+                continue
+            cuts[0], corner[0] = first, False
+            m = 1
+            for k in range(known):
+                x = places[k]
+                if side == 1:
+                    x = e_l - x
+                elif side == 2:
+                    x = -x
+                if x > first:
+                    m = _add(cuts, corner, m, x, last, True)
+            for k in range(0 if coarse else levels.shape[1]):
+                e_v = math.asin(min(levels[i, k], 1.0))
+                x = e_l - e_v
+                if side == 1:
+                    x = e_v
+                elif side == 2:
+                    x = -x
+                if x > first:
+                    m = _add(cuts, corner, m, x, last, False)
+            cuts[m], corner[m] = last, False
+            for k in range(m):
+                if cuts[k + 1] - cuts[k] <= 1e-13 * last:
+                    continue
+                count = _rings(
+                    *(g, i, side, cuts[k], cuts[k + 1], corner[k], corner[k + 1]),
+                    *(coarse, kind, kinks, decay, edge, row, code, box, count),
+                )
+                if count < 0:
+                    return -1
+    return count
+
+
+@kernel
+def _rings(
+    g,
+    i,
+    side,
+    low,
+    high,
+    at_low,
+    at_high,
+    coarse,
+    kind,
+    kinks,
+    decay,
+    edge,
+    row,
+    code,
+    box,
+    count,
+):
+    """Panels between two heights; return the number of all so far, or -1."""
+    if side == 1:
+        s0, s1 = math.asinh(math.sqrt(low / g[7])), math.asinh(math.sqrt(high / g[7]))
+    else:
+        s0, s1 = math.asinh(low / _scale(g)), math.asinh(high / _scale(g))
+    pieces = 1 if coarse else max(1, math.ceil((s1 - s0) / _FOLDS))
+    for piece in range(pieces):
+        v0 = s0 + (s1 - s0) * piece / pieces
+        v1 = s0 + (s1 - s0) * (piece + 1) / pieces
+        e_v, below, _ = elevation(g, side, 0.5 * (v0 + v1))
+        _, last, kink = _ring(g, kind, kinks, decay, e_v, below)
+        if last <= 0.0:
+            continue
+        inner = 2 if kink > 0.0 and not coarse else 1
+        clustered = 0
+        if inner == 2 or last < 1.0:
+            clustered = (at_low and piece == 0) + 2 * (at_high and piece == pieces - 1)
+        for part in range(inner):
+            folds = 0.0
+            for sample in range(3):
+                e_v, below, _ = elevation(g, side, v0 + (0.02 + 0.48 * sample) * (v1 - v0))
+                scale, last, kink = _ring(g, kind, kinks, decay, e_v, below)
+                start = kink if part == 1 else 0.0
+                end = kink if part == 0 and inner == 2 else last
+                folds = max(folds, math.asinh(end / scale) - math.asinh(start / scale))
+            turns = 1 if coarse or edge > 1 else max(1, math.ceil(folds / _FOLDS))
+            if count + turns > row.size:
+                return -1
+            for turn in range(turns):
+                row[count] = i
+                code[count, 0] = side
+                code[count, 1] = 1
+                code[count, 2] = part if inner == 2 else -1
+                code[count, 3] = clustered
+                box[count, 0] = turn / turns
+                box[count, 1] = (turn + 1) / turns
+                box[count, 2] = 0.0
+                box[count, 3] = 1.0
+                box[count, 4] = v0
+                box[count, 5] = v1
+                count += 1
+    return count
+
+
+@kernel
+def clustered(t, power):
+    """A place in (0, 1) and its slope, nodes clustered at the start (1), the end (2) or both."""
+    if power == 1:
+        return t * t, 2.0 * t
+    if power == 2:
+        return t * (2.0 - t), 2.0 * (1.0 - t)
+    if power == 3:
+        return t * t * (3.0 - 2.0 * t), 6.0 * t * (1.0 - t)
+    return t, 1.0
+
+
+@kernel
+def _nodes(geometry, code, box, u, v, numbers, wi, wo, h, weight):
+    """Directions, sums and Jacobians; one row per panel."""
+    kind, kinks, decay, edge = int(numbers[0]), int(numbers[1]), int(numbers[2]), int(numbers[3])
+    for k in range(box.shape[0]):
+        g = geometry[k]
+        n_l, s_l, cos_phi, sin_phi = g[0], g[1], g[2], g[3]
+        wi[0, k], wi[1, k], wi[2, k] = s_l * cos_phi, s_l * sin_phi, n_l
+        side, part = code[k, 0], code[k, 2]
+        u0, u1, v0, v1, first, final = box[k]
+        for iv in range(v.size):
+            x, dx = clustered(v0 + (v1 - v0) * v[iv], code[k, 3])
+            e_v, below, slope = elevation(g, side, first + (final - first) * x)
+            n_v, s_v = math.sin(e_v), math.cos(e_v)
+            scale, last, kink = _ring(g, kind, kinks, decay, e_v, below)
+            t0 = math.asinh(kink / scale) if part == 1 else 0.0
+            t1 = math.asinh((kink if part == 0 else last) / scale)
+            ring = (
+                2.0 * n_v * s_v * slope * (final - first) * dx * (v1 - v0) * (u1 - u0) * (t1 - t0)
+            )
+            # s_l - s_v, and n.l + n.v.
+            shift = -2.0 * math.sin(0.5 * below) * math.sin(0.5 * (e_v + g[4]))
+            height = n_l + n_v
+            to_edge = edge > 1 and part != 0
+            for iu in range(u.size):
+                y, stretch = u0 + (u1 - u0) * u[iu], 1.0
+                if to_edge:
+                    stretch = edge * (1.0 - y) ** (edge - 1)
+                    y = 1.0 - (1.0 - y) ** edge
+                t = t0 + (t1 - t0) * y
+                q = scale * math.sinh(t)
+                inverse = 1.0 / (1.0 + q * q)
+                # sin and cos of chi/2.
+                sine, cosine = 2.0 * q * inverse, (1.0 - q) * (1.0 + q) * inverse
+                along, across = shift + 2.0 * s_v * sine * sine, -2.0 * s_v * sine * cosine
+                i = iu * v.size + iv
+                h[0, k, i] = along * cos_phi - across * sin_phi
+                h[1, k, i] = along * sin_phi + across * cos_phi
+                h[2, k, i] = height
+                wo[0, k, i] = h[0, k, i] - wi[0, k]
+                wo[1, k, i] = h[1, k, i] - wi[1, k]
+                wo[2, k, i] = n_v
+                weight[k, i] = ring * stretch * 4.0 * inverse * scale * math.cosh(t)

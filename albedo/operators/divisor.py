@@ -1,0 +1,506 @@
+"""What pumping-up divides by: albedos as functions of the height, and where their maxima change.
+
+A curve holds the logarithm of a directional albedo, so that products of albedos are sums and an
+error is relative; it is a Chebyshev series on every piece of the coordinate y. That is log(2 n.l)
+up to 60 degrees from the horizon, where a power law is a line, and pi/3 - theta beyond, because
+models in angles depend on theta at normal incidence.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from albedo._compile import kernel
+
+ORDER = 16
+NODES = chebyshev.chebpts1(ORDER)
+# Below this cosine albedos are taken as they are there.
+LOWEST = 2.0**-64
+FIRST, LAST = math.log(2.0 * LOWEST), math.pi / 3.0
+# Samples of a piece in the search for extrema.
+_SAMPLES = 24
+# Steps of bisection: float64 has no use for more.
+_BISECTIONS = 60
+
+CONTROLS = (None, "literal", "cumulative")
+"""No control (NNS eq. 20); each step divides by max(a(L), a(V), n.l, n.v) (eq. 21 as it stands);
+or the product of all divisors never falls below max(n.l, n.v)."""
+
+
+@kernel
+def fold(c, s):
+    """The coordinate y of a direction, from cosine and sine of its polar angle."""
+    if c <= 0.5:
+        return math.log(2.0 * max(c, LOWEST))
+    return LAST - math.atan2(s, c)
+
+
+@kernel
+def fold_all(c, s, y):
+    """Fill y, for flat arrays."""
+    for i in range(c.size):
+        y[i] = fold(c[i], s[i])
+
+
+def folded(c: np.ndarray, s: np.ndarray | None = None) -> np.ndarray:
+    """The coordinate y of cosines of any shape, and of sines where they are known better."""
+    c = np.asarray(c, dtype=np.float64)
+    if s is None:
+        s = np.sqrt(np.maximum((1.0 - c) * (1.0 + c), 0.0))
+    y = np.empty(c.size)
+    fold_all(np.ascontiguousarray(c).ravel(), np.ascontiguousarray(s).ravel(), y)
+    return y.reshape(c.shape)
+
+
+def unfolded(y: np.ndarray) -> np.ndarray:
+    """The cosine at y."""
+    return np.where(y <= 0.0, 0.5 * np.exp(np.minimum(y, 0.0)), np.cos(LAST - np.maximum(y, 0.0)))
+
+
+def straight(y: np.ndarray, low: float, high: float, bent: int) -> np.ndarray:
+    """The variable of a series, from -1 to 1, at coordinates y of a piece."""
+    x = (y - low) / (high - low)
+    if bent == 1:
+        x = np.sqrt(x)
+    elif bent == 2:
+        x = 1.0 - np.sqrt((high - y) / (high - low))
+    return 2.0 * x - 1.0
+
+
+@kernel
+def curve_at(y, edges, bent, coefficients, first, last):
+    """Clenshaw's sum on the piece that holds y, of the pieces from `first` to `last` - 1.
+
+    Piece k has the ends edges[k] and edges[k + 1].
+    """
+    low, high = first, last
+    while high - low > 1:
+        middle = (low + high) // 2
+        if edges[middle] <= y:
+            low = middle
+        else:
+            high = middle
+    a, b = edges[low], edges[low + 1]
+    y = min(max(y, a), b)
+    if bent[low] == 1:
+        u = 2.0 * math.sqrt((y - a) / (b - a)) - 1.0
+    elif bent[low] == 2:
+        u = 1.0 - 2.0 * math.sqrt((b - y) / (b - a))
+    else:
+        u = ((y - a) - (b - y)) / (b - a)
+    value = before = 0.0
+    for k in range(coefficients.shape[1] - 1, 0, -1):
+        value, before = 2.0 * u * value - before + coefficients[low, k], value
+    return u * value - before + coefficients[low, 0]
+
+
+@kernel
+def _curve_all(y, edges, bent, coefficients, out):
+    for i in range(y.size):
+        out[i] = curve_at(y[i], edges, bent, coefficients, 0, coefficients.shape[0])
+
+
+@dataclass(frozen=True, eq=False)
+class LogCurve:
+    """The logarithm of an albedo over all incidences, piece by piece.
+
+    Attributes
+    ----------
+    edges : ndarray, shape (m + 1,)
+        Ends of the pieces in y, ascending from `FIRST` to `LAST`.
+    coefficients : ndarray, shape (m, 16)
+        Chebyshev coefficients on every piece.
+    error : ndarray, shape (m,)
+        Bound on the error over each piece, relative to the albedo.
+    bent : ndarray of int, shape (m,)
+        Pieces whose series are in the root of the distance from the lower (1) or upper end (2).
+    """
+
+    edges: np.ndarray
+    coefficients: np.ndarray
+    error: np.ndarray
+    bent: np.ndarray
+
+    def at(self, y: np.ndarray) -> np.ndarray:
+        """The logarithm at coordinates y of any shape."""
+        out = np.empty(y.size)
+        _curve_all(np.ascontiguousarray(y).ravel(), self.edges, self.bent, self.coefficients, out)
+        return out.reshape(y.shape)
+
+    def __call__(self, cos_theta: np.ndarray) -> np.ndarray:
+        """The albedo at cosines of any shape."""
+        return np.exp(self.at(folded(cos_theta)))
+
+    def piece(self, y: np.ndarray) -> np.ndarray:
+        """The number of the piece that holds each y."""
+        found = np.searchsorted(self.edges, y, side="right") - 1
+        return np.clip(found, 0, self.error.size - 1)
+
+    @cached_property
+    def marks(self) -> np.ndarray:
+        """Coordinates at which the albedo after this one may bend: see `_marks`."""
+        return _marks(self)
+
+    @cached_property
+    def samples(self) -> np.ndarray:
+        """Coordinates y that show every extremum, ascending, with both ends."""
+        place = 0.5 * (1.0 - np.cos(np.pi * np.arange(_SAMPLES) / _SAMPLES))
+        y = self.edges[:-1, None] + np.diff(self.edges)[:, None] * place
+        return np.append(y.ravel(), self.edges[-1])
+
+
+def _marks(curve: LogCurve) -> np.ndarray:
+    """Coordinates at which a curve has the value of one of its extrema or ends, those included."""
+    ends = _turns(_Divided(curve, False))
+    if ends.size == 2:
+        return np.empty(0)
+    values = curve.at(ends)
+    found = list(ends[1:-1])
+    for k, value in enumerate(values):
+        for i in range(ends.size - 1):
+            low, high = ends[i], ends[i + 1]
+            if k in (i, i + 1) or not min(values[i : i + 2]) < value < max(values[i : i + 2]):
+                continue
+            rising = values[i + 1] > values[i]
+            for _ in range(_BISECTIONS):
+                middle = 0.5 * (low + high)
+                if (curve.at(np.array([middle]))[0] < value) == rising:
+                    low = middle
+                else:
+                    high = middle
+            found.append(0.5 * (low + high))
+    return np.unique(found)
+
+
+def summed(curves: list[LogCurve]) -> LogCurve:
+    """One curve that is the sum of others, none of them bent: exact, on pieces of all of them."""
+    edges = np.unique(np.concatenate([curve.edges for curve in curves]))
+    middle, half = 0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges)
+    y = middle[:, None] + half[:, None] * NODES
+    values = np.sum([curve.at(y) for curve in curves], axis=0)
+    coefficients = np.linalg.solve(chebyshev.chebvander(NODES, ORDER - 1), values.T).T
+    error = np.sum([curve.error[curve.piece(middle)] for curve in curves], axis=0)
+    flat = np.zeros(error.size, dtype=int)
+    return LogCurve(edges, np.ascontiguousarray(coefficients), error, flat)
+
+
+@kernel
+def _log_divisors(row, c, s, y_l, l_l, known, edges, bent, coefficients, starts, control, out):
+    """Log of the divisor for nodes of height c, s of cells with rows; `known` has the curves at L.
+
+    `starts` says where the pieces of each curve begin; edges have one more than pieces per curve.
+    """
+    steps = starts.size - 1
+    for k in range(c.shape[0]):
+        r = row[k]
+        for i in range(c.shape[1]):
+            y = fold(c[k, i], s[k, i])
+            height = math.log(max(c[k, i], LOWEST))
+            total = 0.0
+            for j in range(steps):
+                # Both have one edge more than pieces for every curve before.
+                value = max(
+                    curve_at(y, edges, bent, coefficients, starts[j], starts[j + 1] - 1),
+                    known[r, j],
+                )
+                if control == 1:
+                    value = max(value, height, l_l[r])
+                total += value
+            if control == 2:
+                total = max(total, height, l_l[r])
+            out[k, i] = total
+
+
+@kernel
+def _divide(wi, wo, edges, bent, coefficients, starts, control, known, out):
+    """Divide values by the divisor; `known` is room for the curves at L."""
+    steps = starts.size - 1
+    for k in range(out.shape[0]):
+        lz = wi[2, k]
+        y_l = fold(lz, math.hypot(wi[0, k], wi[1, k]))
+        l_l = math.log(max(lz, LOWEST))
+        for j in range(steps):
+            known[j] = curve_at(y_l, edges, bent, coefficients, starts[j], starts[j + 1] - 1)
+        for i in range(out.shape[1]):
+            vz = wo[2, k, i]
+            if not vz > 0.0:
+                continue
+            y = fold(vz, math.hypot(wo[0, k, i], wo[1, k, i]))
+            height = math.log(max(vz, LOWEST)) if control != 0 else 0.0
+            total = 0.0
+            for j in range(steps):
+                value = max(
+                    curve_at(y, edges, bent, coefficients, starts[j], starts[j + 1] - 1), known[j]
+                )
+                if control == 1:
+                    value = max(value, height, l_l)
+                total += value
+            if control == 2:
+                total = max(total, height, l_l)
+            out[k, i] *= math.exp(-total)
+
+
+class Divisor:
+    """The product of the divisors of some steps, as a function of n.l and n.v.
+
+    Parameters
+    ----------
+    curves : sequence of LogCurve
+        Log of the albedo before each step.
+    control : {None, "literal", "cumulative"}
+        See `CONTROLS`.
+    """
+
+    def __init__(self, curves: list[LogCurve], control: str | None) -> None:
+        self.curves, self.control = list(curves), control
+        self._code = CONTROLS.index(control)
+        # Where all rise or all fall with the height, the maximum is at one of the two directions.
+        rising = [_rises(curve) for curve in self.curves]
+        self.collapsed = len(curves) > 0 and control != "literal" and len(set(rising)) == 1
+        self.collapsed = self.collapsed and rising[0] is not None
+        self.collapsed = self.collapsed and not any(curve.bent.any() for curve in curves)
+        used = [summed(self.curves)] if self.collapsed else self.curves
+        self._used = used
+        self._edges = np.concatenate([curve.edges for curve in used]) if used else np.zeros(2)
+        pad = np.zeros((1, ORDER))
+        blocks = [np.concatenate((curve.coefficients, pad)) for curve in used]
+        bends = [np.append(curve.bent, 0) for curve in used]
+        self._bent = np.concatenate(bends) if used else np.zeros(1, dtype=int)
+        self._coefficients = np.concatenate(blocks) if used else np.zeros((1, ORDER))
+        self._starts = np.cumsum([0, *(curve.edges.size for curve in used)])
+
+    def at_nodes(
+        self, cos_light: np.ndarray, row: np.ndarray, c: np.ndarray, s: np.ndarray
+    ) -> np.ndarray:
+        """Log of the divisor at heights c, s of shape (m, q), in rows with these lights."""
+        y = folded(cos_light)
+        known = np.column_stack([curve.at(y) for curve in self._used] or [np.zeros((y.size, 0))])
+        out = np.empty(c.shape)
+        lowest = np.log(np.maximum(cos_light, LOWEST))
+        _log_divisors(
+            *(row, c, s, y, lowest, np.ascontiguousarray(known.reshape(y.size, -1))),
+            *(self._edges, self._bent, self._coefficients, self._starts, self._code, out),
+        )
+        return out
+
+    def divide(self, wi: np.ndarray, wo: np.ndarray, out: np.ndarray) -> None:
+        """Divide values of a kernel by the divisor, in place."""
+        known = np.empty(max(self._starts.size - 1, 1))
+        _divide(
+            *(
+                wi,
+                wo,
+                self._edges,
+                self._bent,
+                self._coefficients,
+                self._starts,
+                self._code,
+                known,
+                out,
+            ),
+        )
+
+    def logs(self, cos_light: np.ndarray, cos_view: np.ndarray) -> np.ndarray:
+        """Log of the divisor for pairs of heights, two arrays of one shape (n,)."""
+        c = np.asarray(cos_view, dtype=np.float64)[:, None]
+        s = np.sqrt((1.0 - c) * (1.0 + c))
+        return self.at_nodes(cos_light, np.arange(c.size), c, s)[:, 0]
+
+    def levels(self, cos_light: np.ndarray) -> np.ndarray:
+        """Values of n.v, beside n.l, at which the divisor has kinks: (n, k), NaN where fewer."""
+        found: list[np.ndarray] = []
+        if not self.collapsed:
+            for curve in self.curves:
+                found += self._levels_of(curve, cos_light)
+            for curve in self.curves[:-1]:
+                found += [np.full(cos_light.size, c) for c in unfolded(curve.marks)]
+        if self.control == "cumulative" and self.curves:
+            found += self._clamped(cos_light)
+        return _columns(found, cos_light.size)
+
+    @cached_property
+    def marks(self) -> np.ndarray:
+        """Coordinates of n.l at which an albedo with this divisor may bend."""
+        found = [np.empty(0), *(curve.marks for curve in self.curves)]
+        if self.control == "literal":
+            found += [_crossings(curve) for curve in self.curves]
+        if self.control == "cumulative" and self.curves:
+            free = Divisor(self.curves, None)
+            y = np.unique(np.concatenate([curve.samples for curve in self.curves]))[None, :]
+            # Where the product is the cosine with V as high as L, and with V at the normal.
+            for other in (None, 1.0):
+
+                def excess(c: np.ndarray, other: float | None = other) -> np.ndarray:
+                    view = c.ravel() if other is None else np.full(c.size, other)
+                    logs = free.logs(c.ravel(), view)
+                    return (logs - np.log(np.maximum(view, LOWEST))).reshape(c.shape)
+
+                found += [folded(c) for c in _sign_changes(excess, y)]
+        return np.unique(np.concatenate(found))
+
+    def last_levels(self, cos_light: np.ndarray) -> np.ndarray:
+        """As `levels`, but only those that the last step adds."""
+        found: list[np.ndarray] = []
+        if not self.collapsed and self.curves:
+            found += self._levels_of(self.curves[-1], cos_light)
+        if self.control == "cumulative" and self.curves:
+            found += self._clamped(cos_light)
+        return _columns(found, cos_light.size)
+
+    def _levels_of(self, curve: LogCurve, cos_light: np.ndarray) -> list[np.ndarray]:
+        """Levels of one step."""
+        literal = self.control == "literal"
+        found = _equal_levels(_Divided(curve, literal), cos_light)
+        return found + _fixed_levels(curve, cos_light) if literal else found
+
+    def _clamped(self, cos_light: np.ndarray) -> list[np.ndarray]:
+        """Where the product of the albedos is max(n.l, n.v)."""
+        free = Divisor(self.curves, None)
+        y = np.unique(np.concatenate([curve.samples for curve in free._used]))
+
+        def excess(cos_view: np.ndarray) -> np.ndarray:
+            rows = np.repeat(np.arange(cos_light.size), cos_view.shape[1]).reshape(cos_view.shape)
+            c = np.ascontiguousarray(cos_view)
+            s = np.sqrt((1.0 - c) * (1.0 + c))
+            logs = free.at_nodes(cos_light, rows[:, 0].copy(), c, s)
+            return logs - np.log(np.maximum(np.maximum(cos_view, cos_light[:, None]), LOWEST))
+
+        return _sign_changes(excess, np.tile(y, (cos_light.size, 1)))
+
+
+def _columns(found: list[np.ndarray], n: int) -> np.ndarray:
+    """Levels side by side, in the fewest columns that hold them all."""
+    if not found:
+        return np.empty((n, 0))
+    every = np.column_stack(found)
+    every[every >= 1.0] = np.nan
+    every = np.sort(every, axis=1)
+    return every[:, np.isfinite(every).any(0)]
+
+
+@dataclass(frozen=True, eq=False)
+class _Divided:
+    """What a step divides by as a function of one height: an albedo, not less than the cosine."""
+
+    curve: LogCurve
+    floor: bool
+
+    def at(self, y: np.ndarray) -> np.ndarray:
+        value = self.curve.at(y)
+        return np.maximum(value, np.log(unfolded(y))) if self.floor else value
+
+
+# Curves that vary by less than this many of their errors have no kink that is known to be there.
+_FLAT = 4.0
+
+
+def _turns(function: _Divided) -> np.ndarray:
+    """Ends of the intervals of y on which a function rises or falls."""
+    y = function.curve.samples
+    if function.floor:
+        y = np.unique(np.concatenate((y, _crossings(function.curve))))
+    value = function.at(y)
+    turns, last, direction = [0], 0, 0
+    flat = _FLAT * float(function.curve.error.max())
+    # An extremum counts when what follows differs from it by more than the rounding.
+    for k in range(1, y.size):
+        step = value[k] - value[last]
+        if direction == 0:
+            if abs(step) > flat:
+                direction, last = (1 if step > 0 else -1), k
+        elif step * direction >= 0.0:
+            last = k
+        elif abs(step) > flat:
+            turns.append(last)
+            direction, last = -direction, k
+    turns.append(y.size - 1)
+    ends = y[turns].copy()
+    for place, k in enumerate(turns[1:-1], start=1):
+        low, high = y[max(k - 1, 0)], y[min(k + 1, y.size - 1)]
+        sign = 1.0 if value[k] >= value[k - 1] else -1.0
+        ends[place] = _peak(function, low, high, sign)
+    return ends
+
+
+def _peak(function: _Divided, low: float, high: float, sign: float) -> float:
+    """The place of the largest value of sign * function, by golden sections."""
+    golden = 0.5 * (math.sqrt(5.0) - 1.0)
+    for _ in range(80):
+        a, b = high - golden * (high - low), low + golden * (high - low)
+        values = sign * function.at(np.array([a, b]))
+        if values[0] >= values[1]:
+            high = b
+        else:
+            low = a
+    return 0.5 * (low + high)
+
+
+def _rises(curve: LogCurve) -> bool | None:
+    """Whether a curve rises with the height, falls (False), or does both (None)."""
+    if _turns(_Divided(curve, False)).size > 2:
+        return None
+    ends = curve.at(np.array([FIRST, LAST]))
+    return bool(ends[1] >= ends[0])
+
+
+def _crossings(curve: LogCurve) -> np.ndarray:
+    """Coordinates at which an albedo is the cosine."""
+    y = curve.samples[None, :]
+    found = _sign_changes(lambda c: curve.at(folded(c)) - np.log(np.maximum(c, LOWEST)), y)
+    return folded(np.concatenate(found)) if found else np.empty(0)
+
+
+def _fixed_levels(curve: LogCurve, cos_light: np.ndarray) -> list[np.ndarray]:
+    """Heights at which an albedo is the cosine: the larger of both has a kink there."""
+    return [np.full(cos_light.size, c) for c in unfolded(_crossings(curve))]
+
+
+def _equal_levels(function: _Divided, cos_light: np.ndarray) -> list[np.ndarray]:
+    """Heights at which a function is what it is at each n.l, but for n.l itself."""
+    ends = _turns(function)
+    if ends.size == 2:
+        return []
+    y_l = folded(cos_light)
+    goal = function.at(y_l)
+    found = []
+    for low, high in itertools.pairwise(ends.tolist()):
+        at_low, at_high = function.at(np.array([low, high]))
+        inside = (y_l >= low) & (y_l <= high)
+        rising = at_high > at_low
+        between = (goal > min(at_low, at_high)) & (goal < max(at_low, at_high)) & ~inside
+        if not between.any():
+            continue
+        a, b = np.full(goal.size, low), np.full(goal.size, high)
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (a + b)
+            below = (function.at(middle) < goal) == rising
+            a, b = np.where(below, middle, a), np.where(below, b, middle)
+        found.append(np.where(between, unfolded(0.5 * (a + b)), np.nan))
+    return found
+
+
+def _sign_changes(function, y: np.ndarray) -> list[np.ndarray]:  # type: ignore[no-untyped-def]
+    """Cosines at which a function changes its sign, for rows of ascending y: columns (n,)."""
+    value = function(unfolded(y))
+    positive = value > 0.0
+    changes = positive[:, 1:] != positive[:, :-1]
+    found = []
+    for order in range(int(changes.sum(1).max(initial=0))):
+        # The column of each row's change of this order.
+        which = np.cumsum(changes, axis=1) == order + 1
+        has = which.any(1)
+        k = which.argmax(1)
+        rows = np.arange(y.shape[0])
+        a, b, left = y[rows, k], y[rows, k + 1], positive[rows, k]
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (a + b)
+            same = (function(unfolded(middle[:, None]))[:, 0] > 0.0) == left
+            a, b = np.where(same, middle, a), np.where(same, b, middle)
+        found.append(np.where(has, unfolded(0.5 * (a + b)), np.nan))
+    return found

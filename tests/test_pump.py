@@ -1,0 +1,225 @@
+"""Pumping-up against closed forms, another discretisation, and what it promises."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+import albedo
+from albedo.brdf import Model
+from albedo.directions import spherical
+from albedo.errors import InputError
+from albedo.operators.divisor import Divisor, folded, unfolded
+
+EPS = np.finfo(float).eps
+PHONG = albedo.model("phong", n=20)
+WARD = albedo.model("ward", m=0.4)
+COSINES = np.array([1.0, 0.9, 0.5, 0.2, 0.05, 1e-3, 1e-6])
+# A base and a control with which its steps stay cheap.
+CASES = [
+    (PHONG, None, 3),
+    (PHONG, "literal", 2),
+    (PHONG, "cumulative", 3),
+    (albedo.model("blinn", n=20), "cumulative", 2),
+    (WARD, None, 2),
+    (albedo.model("oren_nayar"), None, 2),
+    (albedo.model("ashikhmin_shirley", n=100, r_s=0.5, r_d=0.5), None, 2),
+]
+cases = pytest.mark.parametrize(
+    ("base", "control", "steps"), CASES, ids=lambda x: getattr(x, "spec", str(x))
+)
+
+
+def test_lambert_becomes_white() -> None:
+    """f = rho/pi has the albedo rho everywhere: one step makes it 1, and later ones nothing."""
+    for steps in (1, 3):
+        found = albedo.directional_albedo(
+            albedo.pump(albedo.model("lambert", rho=0.3), steps), COSINES
+        )
+        assert np.all(np.abs(found.value - 1.0) <= found.error)
+        assert np.all(found.error <= 1e-8)
+    white = albedo.pump(albedo.model("lambert"), 1)
+    wi, wo = spherical(0.3, 0.1), spherical(0.8, 2.0)
+    assert abs(white.eval(wi, wo) - 1.0 / math.pi) <= 1e-12
+
+
+def test_no_step_changes_nothing() -> None:
+    found = albedo.directional_albedo(albedo.pump(WARD, 0), COSINES)
+    own = albedo.directional_albedo(WARD, COSINES)
+    assert np.all(np.abs(found.value - own.value) <= found.error + own.error)
+
+
+@lru_cache(maxsize=8)
+def _grid(base: Model, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Heights, their weights, and the integrals of f around rings: plain rules, plain values."""
+    x, w = np.polynomial.legendre.leggauss(size)
+    theta, weight = 0.25 * math.pi * (x + 1.0), 0.25 * math.pi * w
+    c = np.cos(theta)
+    phi = math.pi * (np.arange(4 * size) + 0.5) / (4 * size)
+    views = spherical(c[:, None], phi)
+    ring = [2.0 * math.pi * base.eval(light, views).mean(-1) for light in spherical(c, 0.0)]
+    return c, weight * np.sin(theta) * c, np.array(ring)
+
+
+def nystrom(base: Model, control: str | None, steps: int, size: int) -> tuple[np.ndarray, ...]:
+    """Heights, and the albedo after some steps there."""
+    c, weight, ring = _grid(base, size)
+    higher = np.maximum(c[:, None], c[None, :])
+    product = np.ones_like(ring)
+    value = ring @ weight
+    for _ in range(steps):
+        step = np.maximum(value[:, None], value[None, :])
+        product = product * (np.maximum(step, higher) if control == "literal" else step)
+        divisor = np.maximum(product, higher) if control == "cumulative" else product
+        value = (ring / divisor) @ weight
+    return c, value
+
+
+@cases
+def test_steps_agree_with_another_method(base: Model, control: str | None, steps: int) -> None:
+    """Nystroem's method over Gauss points in theta, whose kinks make it of second order."""
+    for k in range(1, steps + 1):
+        misses = []
+        for size in (48, 96):
+            c, value = nystrom(base, control, k, size)
+            inside = (c > 0.15) & (c < 0.99)
+            found = albedo.directional_albedo(albedo.pump(base, k, control), c[inside])
+            misses.append(float(np.max(np.abs(value[inside] - found.value))))
+        # A kink on the diagonal makes it of second order: it must come four times as close.
+        assert misses[0] <= 3.0 / 48**2
+        assert misses[1] <= 0.27 * misses[0]
+
+
+@cases
+def test_bounds_hold_and_are_small(base: Model, control: str | None, steps: int) -> None:
+    """Curves of 1e-6 against such of 1e-10: errors of early steps are in the late bounds."""
+    rough = albedo.pump(base, steps, control, rtol=1e-6)
+    exact = albedo.pump(base, steps, control, rtol=1e-10)
+    found = albedo.directional_albedo(rough, COSINES, rtol=1e-5)
+    known = albedo.directional_albedo(exact, COSINES, rtol=1e-9)
+    assert known.converged.all()
+    assert np.all(np.abs(found.value - known.value) <= found.error + known.error)
+    assert np.all(found.error <= 1e-4 * found.value)
+
+
+@cases
+def test_curves_are_albedos_of_the_steps(base: Model, control: str | None, steps: int) -> None:
+    curves = albedo.pump(base, steps, control).albedos
+    assert len(curves) == steps
+    for k, curve in enumerate(curves):
+        found = albedo.directional_albedo(albedo.pump(base, k, control), COSINES, rtol=1e-9)
+        error = 1e-9 * k + curve.error[curve.piece(folded(COSINES))]
+        assert np.all(np.abs(curve(COSINES) - found.value) <= found.error + error * found.value)
+
+
+@cases
+def test_light_is_gained_and_none_is_made(base: Model, control: str | None, steps: int) -> None:
+    """a <= a* <= 1 (NNS eq. 19); where a base makes light its first step takes it back."""
+    before = albedo.directional_albedo(base, COSINES)
+    for k in range(1, steps + 1):
+        after = albedo.directional_albedo(albedo.pump(base, k, control), COSINES)
+        assert after.converged.all()
+        assert np.all(after.value <= 1.0 + after.error)
+        if np.all(before.value <= 1.0 + before.error):
+            assert np.all(after.value >= before.value - before.error - after.error)
+        before = after
+
+
+@cases
+def test_values_are_reciprocal(
+    base: Model, control: str | None, steps: int, rng: np.random.Generator
+) -> None:
+    model = albedo.pump(base, steps, control)
+    wi, wo = (spherical(rng.uniform(1e-3, 1, 200), rng.uniform(-3, 3, 200)) for _ in range(2))
+    here, there = model.eval(wi, wo), model.eval(wo, wi)
+    # Exact but for the base, which loses a few digits where half vectors of raw directions do.
+    logs = model.divisor.logs(wi[:, 2], wo[:, 2])
+    np.testing.assert_allclose(here * np.exp(logs), base.eval(wi, wo), rtol=1e-13)
+    np.testing.assert_allclose(there * np.exp(logs), base.eval(wo, wi), rtol=1e-13)
+    np.testing.assert_allclose(model.divisor.logs(wo[:, 2], wi[:, 2]), logs, rtol=0, atol=1e-15)
+
+
+def test_the_divisor_is_one_table_where_all_albedos_rise() -> None:
+    curves = list(albedo.pump(PHONG, 3).albedos)
+    one, each = Divisor(curves, None), Divisor(curves, "literal")
+    assert one.collapsed
+    assert not each.collapsed
+    c = unfolded(np.linspace(-20.0, 1.0, 50))
+    # Phong's albedo is never below the cosine, so both divide by the same.
+    sums = sum(np.maximum(curve.at(folded(c)), curve.at(folded(c[::-1]))) for curve in curves)
+    np.testing.assert_allclose(one.logs(c, c[::-1].copy()), sums, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(each.logs(c, c[::-1].copy()), sums, rtol=0, atol=1e-11)
+    assert one.levels(c).shape == (50, 0)
+
+
+def test_equal_albedos_are_kinks() -> None:
+    """Ward's has a minimum inside: every height but few has another one with the same albedo."""
+    model = albedo.pump(WARD, 1)
+    (curve,) = model.albedos
+    c = np.array([0.9, 0.5, 0.2, 0.1])
+    levels = model.divisor.levels(c)
+    assert levels.shape == (4, 1)
+    np.testing.assert_allclose(curve(levels[:, 0]), curve(c), rtol=1e-12)
+    assert np.all(np.abs(levels[:, 0] - c) > 1e-3)
+
+
+def test_dirac_parts_are_divided() -> None:
+    base = albedo.model("schlick", form="final", roughness=0.1)
+    model = albedo.pump(base, 1)
+    wi = spherical(np.array([0.9, 0.1]), 0.2)
+    weights, known = model.spikes(wi)[1][0], base.spikes(wi)[1][0]
+    (curve,) = model.albedos
+    # Eight roundings and the curve's own.
+    np.testing.assert_allclose(weights, known / curve(wi[:, 2]), rtol=1e-13)
+    found = albedo.directional_albedo(model, COSINES)
+    assert found.converged.all()
+    assert np.all(found.value <= 1.0 + found.error)
+    assert "mirror" in found.parts
+
+
+def test_what_is_pumped_is_a_model_like_any_other() -> None:
+    model = albedo.pump(PHONG, 2)
+    assert model.spec.startswith("pump(phong:n=20")
+    assert model == albedo.pump(albedo.model("phong", n=20), 2)
+    assert model != albedo.pump(PHONG, 3)
+    cosines = np.array([0.9, 0.3])
+    exact = albedo.directional_albedo(model, cosines)
+    drawn = albedo.monte_carlo_albedo(model, cosines, samples=2**16, sequence="sobol", seed=3)
+    assert np.all(np.abs(drawn.value - exact.value) <= 5.0 * drawn.error)
+    table = albedo.table(model, cosines, sweep={"n": [10.0, 20.0]})
+    assert np.all(np.abs(table["value"].values[1] - exact.value) <= 2.0 * exact.error)
+    seen = albedo.directional_albedo(model, cosines, fixed="view")
+    assert np.all(np.abs(seen.value - exact.value) <= seen.error + exact.error)
+    twice = albedo.directional_albedo(albedo.pump(albedo.pump(PHONG, 1), 1), cosines)
+    assert np.all(np.abs(twice.value - exact.value) <= twice.error + exact.error)
+
+
+def test_tables_end_where_the_albedo_has_no_limit() -> None:
+    """Ward's grows without bound: below 5e-20 nothing is known of what it is divided by."""
+    with pytest.raises(albedo.DivergenceError):
+        albedo.directional_albedo(albedo.pump(WARD, 1), 0.0)
+    with pytest.warns(albedo.ConvergenceWarning):
+        found = albedo.directional_albedo(albedo.pump(WARD, 1), 1e-21)
+    assert found.error == np.inf
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: albedo.pump("phong"), "needs a model, not str"),
+        (lambda: albedo.pump(albedo.model("phong_original")), "not symmetric"),
+        (lambda: albedo.pump(albedo.model("ward", alpha_x=0.1, alpha_y=0.2)), "anisotropic"),
+        (lambda: albedo.pump(PHONG, -1), "steps = -1"),
+        (lambda: albedo.pump(PHONG, 2.0), "steps = 2.0"),
+        (lambda: albedo.pump(PHONG, True), "steps = True"),
+        (lambda: albedo.pump(PHONG, 1, "soft"), "control = 'soft'"),
+        (lambda: albedo.pump(PHONG, rtol=0.0), "rtol = 0.0"),
+        (lambda: albedo.pump(albedo.model("lafortune_scaled")), "mirror direction"),
+    ],
+)
+def test_bad_input(make: object, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        make()  # type: ignore[operator]

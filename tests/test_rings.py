@@ -1,0 +1,135 @@
+"""The chart of rings beside the charts in which models are integrated."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import albedo
+from albedo.brdf import Part
+from albedo.charts.rings import RingsChart
+from albedo.directions import spherical
+from albedo.grammar import parse
+from albedo.integrators.adaptive import Result, integrate
+from albedo.integrators.cells import ModelIntegrand
+from albedo.operators.ladder import rings_of
+
+EPS = np.finfo(float).eps
+COSINES = np.concatenate((np.geomspace(1e-9, 1e-2, 5), np.linspace(0.03, 1.0, 12)))
+MODELS = [
+    "lambert",
+    "phong:n=0.5",
+    "phong:n=20",
+    "phong:n=1e6",
+    "blinn:n=20",
+    "max_phong:n=100",
+    "cook_torrance:m=0.1",
+    "cook_torrance:m=0.4",
+    "cook_torrance:m=1e-4",
+    "cook_torrance:m=0.3,distribution=ggx,geometry=smith_correlated",
+    "cook_torrance:m=1e-3,distribution=ggx,geometry=smith_correlated",
+    "ward:m=0.1",
+    "ward_bounded:m=0.3",
+    "ashikhmin_shirley:n=100,r_d=0.5",
+    "he_torrance:sigma0=0.1",
+    "schlick:roughness=1e-3,form=residual",
+    "stam_gaussian",
+    "oren_nayar",
+    "oren_nayar_full",
+    "fujii",
+    "eon",
+]
+
+
+def over(
+    part: Part, chart: object, p: np.ndarray, rtol: float = 1e-9, limit: int = 10**6
+) -> Result:
+    n = COSINES.size
+    integrand = ModelIntegrand(part.fill, np.tile(p, (n, 1)), np.ones(n))
+    return integrate(
+        *(chart, integrand, COSINES, np.zeros(n), np.tile(part.widths, (n, 1)), True),
+        rtol=rtol,
+        atol=0.0,
+        limit=limit,
+    )
+
+
+@pytest.mark.parametrize("spec", MODELS)
+def test_rings_agree_with_the_chart_of_the_model(spec: str) -> None:
+    model = next(parse(spec).models())
+    for part in model.parts():
+        p = part.packed(np.array([model.pack()], dtype=float))
+        own = over(part, part.chart, p)
+        for limit in (600, 3000, 10**6):
+            found = over(part, rings_of(part), p, limit=limit)
+            assert np.all(np.abs(found.value - own.value) <= found.error + own.error)
+        assert found.converged.all()
+
+
+@pytest.mark.parametrize("kind", ["slope", "mirror_hemisphere", "broad"])
+@pytest.mark.parametrize("kinks", ["none", "max", "v_cavity"])
+@pytest.mark.parametrize("width", [1e-3, 0.3, 1.0])
+def test_rings_cover_the_hemisphere_once(kind: str, kinks: str, width: float) -> None:
+    if kinks == "v_cavity" and kind != "slope":
+        return
+    n = COSINES.size
+
+    def levels(c: np.ndarray) -> np.ndarray:
+        return np.column_stack((0.5 * c, np.sqrt(c), np.where(c > 0.5, np.nan, 0.7)))
+
+    for chart in (RingsChart(kind, kinks), RingsChart(kind, kinks, thin=True, levels=levels)):
+        found = integrate(
+            *(chart, lambda row, wi, wo, h: np.ones(wo.shape[1:]), COSINES, np.zeros(n)),
+            *(np.full((n, 2), width), True),
+            rtol=1e-10,
+            atol=0.0,
+            limit=10**6,
+        )
+        assert np.all(np.abs(found.value - math.pi) <= found.error)
+        assert found.converged.all()
+
+
+def test_nodes_are_directions_and_their_sums() -> None:
+    n = COSINES.size
+    for kind, kinks in (("slope", "v_cavity"), ("mirror", "none"), ("broad", "max")):
+        chart = RingsChart(kind, kinks)
+        phi = np.linspace(-2.0, 3.0, n)
+        geometry, row, code, box = chart.panels(COSINES, phi, np.full((n, 2), 0.2), True)
+        u = np.array([0.1, 0.6, 0.95])
+        wi, wo, h, weight = chart.nodes(geometry[row], code, box, u, u)
+        np.testing.assert_allclose(wi.T, spherical(COSINES, phi)[row], rtol=0, atol=2 * EPS)
+        # A dozen roundings, and those of sines and cosines.
+        np.testing.assert_allclose(np.sum(wo * wo, axis=0), 1.0, atol=20 * EPS)
+        np.testing.assert_allclose(h - wo, np.broadcast_to(wi[:, :, None], h.shape), atol=4 * EPS)
+        assert np.all(weight >= 0.0)
+        # All nodes along u have one height.
+        heights = wo[2].reshape(row.size, 3, 3)
+        assert np.array_equal(heights[:, 0], heights[:, 1])
+
+
+def test_levels_are_ends_of_panels() -> None:
+    """A step in n.v costs nothing where its place is known."""
+    c = np.array([0.9, 0.5, 0.1])
+
+    def step(row: np.ndarray, wi: np.ndarray, wo: np.ndarray, h: np.ndarray) -> np.ndarray:
+        return np.where(wo[2] > 0.3, 1.0, 0.25)
+
+    found = integrate(
+        *(RingsChart("broad", levels=lambda c: np.full((c.size, 1), 0.3)), step, c, np.zeros(3)),
+        *(np.ones((3, 2)), True),
+        rtol=1e-12,
+        atol=0.0,
+        limit=10**4,
+    )
+    assert np.all(np.abs(found.value - math.pi * (1.0 - 0.75 * 0.09)) <= found.error)
+    assert found.converged.all()
+
+
+def test_rings_are_for_isotropic_models() -> None:
+    with pytest.raises(TypeError, match="isotropic"):
+        RingsChart("slope").panels(COSINES, COSINES, np.ones((COSINES.size, 2)), False)
+    retro = albedo.model("lafortune", lobes=((1.0, 1.0, 1.0, 20.0),))
+    with pytest.raises(albedo.InputError, match="not about the mirror direction"):
+        rings_of(retro.parts()[0])
