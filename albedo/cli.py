@@ -706,6 +706,105 @@ def energy(
 
 
 @app.command()
+def pump(
+    model: ModelArgument,
+    steps: Annotated[int, typer.Option(help="How often the model is pumped up.")] = 1,
+    control: Annotated[
+        str | None,
+        typer.Option(
+            metavar="literal|cumulative",
+            help="Keep what each step, or what all together divide by from falling below "
+            "max(n.l, n.v).",
+            show_default="none",
+        ),
+    ] = None,
+    cos: CosOption = None,
+    theta: ThetaOption = None,
+    rtol: RtolOption = 1e-8,
+    draw: Annotated[
+        bool, typer.Option("--plot", help="Draw the albedos of all steps as well.")
+    ] = False,
+    grazing: Annotated[
+        bool, typer.Option("--grazing", help="Logarithmic axis in the cosine of the angle.")
+    ] = False,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            help="Numbers (.csv) or a picture (.png, .svg, .pdf); with --plot the picture goes "
+            "beside the numbers.",
+        ),
+    ] = None,
+) -> None:
+    """Pump a model up, and print its albedo before and after every step.
+
+    The model must be symmetric in both directions, and isotropic; it need not conserve energy.
+
+    \b
+    Examples:
+      albedo pump phong:n=20 --steps 5
+      albedo pump blinn:n=20 --steps 3 --control cumulative --plot -o blinn.csv
+      albedo pump ward:m=0.4 --steps 2 --grazing -o ward.png
+    """
+    import pandas as pd
+
+    import albedo
+    from albedo import plotting
+    from albedo.files import check_output, save_csv
+    from albedo.grammar import parse
+
+    picture = Path("pump.png") if draw and output is None else None
+    numbers = None
+    if output is not None and output.suffix.lower() in plotting.SUFFIXES:
+        picture = output
+    elif output is not None:
+        numbers = output
+        picture = output.with_suffix(".png") if draw else None
+    if numbers is not None:
+        check_output(numbers, (".csv",))
+    if picture is not None:
+        check_output(picture, plotting.SUFFIXES)
+    spec = parse(model)
+    if spec.count > 1:
+        raise InputError(f"pump takes one model; {spec} is a sweep of {spec.count}")
+    base = spec.model()
+    if base.channels is not None:
+        raise InputError(f"pump takes one channel; {spec} has {base.channels}")
+    cosines, angles = _incidence(cos, theta, default="0,15,30,45,60,75,85,89")
+    whole = albedo.pump(base, steps, control)
+    stages = [albedo.pump(base, k, control) for k in range(whole.steps)] + [whole]
+    rows: list[dict[str, Any]] = []
+    curves = []
+    grid = plotting.grazing_grid() if grazing else plotting.angle_grid()
+    with _warnings_as_lines(), _compiling(spec), _progress("pumping", len(stages)) as advance:
+        for k, stage in enumerate(stages):
+            found = albedo.directional_albedo(stage, cosines, rtol=rtol)
+            for row in _rows(str(spec), None, "albedo", found, cosines, angles, 0.0):
+                if row.get("part", "total") == "total":
+                    rows.append({"model": row.pop("model"), "step": k, **row})
+            if picture is not None:
+                drawn = albedo.directional_albedo(stage, grid, rtol=1e-6)
+                label = f"{spec}, {k} step{'' if k == 1 else 's'}"
+                swept = ("steps", float(k))
+                curves.append(
+                    plotting.Curve(label, spec.name, grid, drawn.value, drawn.error, swept)
+                )
+            advance(k + 1, len(stages))
+    if numbers is not None:
+        save_csv(pd.DataFrame(rows), numbers)
+        typer.echo(f"{numbers}: {len(rows)} albedos")
+    if picture is not None:
+        plotting.save_figure(plotting.draw(curves, grazing=grazing), picture)
+        typer.echo(f"{picture}: {len(curves)} curves")
+    if numbers is None:
+        for row in rows:
+            row.pop("part", None)
+            row["model"] = f"step {row.pop('step')}"
+        _print_rows(rows)
+
+
+@app.command()
 def check(
     model: Annotated[
         str,

@@ -338,3 +338,36 @@ def test_a_real_interruption_ends_with_130_and_no_scraps(tmp_path):
     assert process.returncode == 130
     assert errors.startswith("Interrupted")
     assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_pump_prints_every_step_and_writes_numbers_and_pictures(tmp_path: Path) -> None:
+    result = run("pump", "lambert:rho=0.5", "--steps", "1", "--theta", "0,60")
+    assert result.exit_code == 0
+    assert "step 0" in result.stdout
+    assert "1.00000000" in result.stdout
+    numbers = tmp_path / "phong.csv"
+    arguments = ("phong:n=20", "--steps", "2", "--control", "cumulative", "--cos", "1,0.1")
+    assert run("pump", *arguments, "--plot", "-o", str(numbers)).exit_code == 0
+    with numbers.open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["step"] for row in rows] == ["0", "0", "1", "1", "2", "2"]
+    model = albedo.pump(albedo.model("phong", n=20), 2, "cumulative")
+    found = albedo.directional_albedo(model, 0.1)
+    assert abs(float(rows[-1]["value"]) - found.value) <= float(rows[-1]["error"]) + found.error
+    assert (tmp_path / "phong.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("phong_original",), "not symmetric"),
+        (("ward:alpha_x=0.1,alpha_y=0.3",), "anisotropic"),
+        (("phong", "--steps", "-1"), "steps = -1 is out of range"),
+        (("phong", "--control", "soft"), "control = 'soft' is unknown"),
+        (("phong:n=[1,2]",), "takes one model"),
+        (("phong", "-o", "albedo.txt"), "albedo.txt"),
+        (("lafortune_scaled",), "mirror direction"),
+    ],
+)
+def test_pump_refuses_in_one_sentence(arguments: tuple[str, ...], message: str) -> None:
+    assert message in refused("pump", *arguments)

@@ -33,6 +33,7 @@ from albedo.studies import StudyFile, run_study
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+PUMPING = (ROOT / "docs" / "pumping.md").read_text(encoding="utf-8")
 
 _NUMBER = re.compile(r"(-?\d+(?:\.\d+)?)\((\d+)\)(?:e([+-]?\d+))?")
 
@@ -80,7 +81,9 @@ class Intervals(doctest.OutputChecker):
         return same_text and all(agree(a, b) for a, b in pairs)
 
 
-@pytest.mark.parametrize("text", [README, CONTRIBUTING], ids=["readme", "contributing"])
+@pytest.mark.parametrize(
+    "text", [README, CONTRIBUTING, PUMPING], ids=["readme", "contributing", "pumping"]
+)
 def test_python_snippets_print_what_is_shown(text: str) -> None:
     source = "\n".join(block for block in blocks(text, "python") if block.startswith(">>> "))
     test = doctest.DocTestParser().get_doctest(source, {}, "snippets", None, 0)
@@ -94,6 +97,7 @@ SHOWN = [
     *commands(README, "albedo table"),
     *commands(README, "albedo plot"),
     *commands(README, "albedo energy"),
+    *commands(README, "albedo pump"),
 ]
 
 

@@ -239,7 +239,7 @@ def test_a_sabotaged_rule_is_caught(monkeypatch: pytest.MonkeyPatch, seen: bool)
     """One weight wrong: either the spectrum shows it, or this very comparison does."""
     monkeypatch.setattr(cells, "gauss", lambda p: spoiled(p, seen))
     # The rules that kernels read are made anew, without the cache.
-    monkeypatch.setattr(cells, "_rules", cells._rules.__wrapped__)
+    monkeypatch.setattr(cells, "rules_by_order", cells.rules_by_order.__wrapped__)
     found = list(outcomes(1e-8, 20_000, every=40))
     caught = [o for o in found if not o.covered or not o.converged]
     assert len(caught) > 0.9 * len(found)

@@ -35,10 +35,10 @@ from albedo.integrators.adaptive import refine
 from albedo.integrators.cells import (
     Cells,
     ModelIntegrand,
-    judge,
-    rules_by_order,
     evaluate,
+    judge,
     probe_cells,
+    rules_by_order,
 )
 from albedo.integrators.rules import LADDER, gauss
 from albedo.operators.divisor import (

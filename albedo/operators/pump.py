@@ -215,7 +215,7 @@ def pump(
     >>> import albedo
     >>> brighter = albedo.pump(albedo.model("phong", n=20), steps=2)
     >>> print(albedo.directional_albedo(brighter, 0.1))
-    0.7908344(1) [bound]
+    0.790834366(4) [bound]
     """
     if not isinstance(model, Model):
         raise InputError(f"pump needs a model, not {type(model).__name__}")
