@@ -17,6 +17,7 @@ from albedo.operators.divisor import Divisor, folded, unfolded
 EPS = np.finfo(float).eps
 PHONG = albedo.model("phong", n=20)
 WARD = albedo.model("ward", m=0.4)
+GGX = albedo.model("cook_torrance", m=0.3, distribution="ggx", geometry="smith_correlated")
 COSINES = np.array([1.0, 0.9, 0.5, 0.2, 0.05, 1e-3, 1e-6])
 # A base and a control with which its steps stay cheap.
 CASES = [
@@ -25,6 +26,7 @@ CASES = [
     (PHONG, "cumulative", 3),
     (albedo.model("blinn", n=20), "cumulative", 2),
     (WARD, None, 2),
+    (GGX, None, 3),
     (albedo.model("oren_nayar"), None, 2),
     (albedo.model("ashikhmin_shirley", n=100, r_s=0.5, r_d=0.5), None, 2),
 ]
@@ -88,9 +90,10 @@ def test_steps_agree_with_another_method(base: Model, control: str | None, steps
             inside = (c > 0.15) & (c < 0.99)
             found = albedo.directional_albedo(albedo.pump(base, k, control), c[inside])
             misses.append(float(np.max(np.abs(value[inside] - found.value))))
-        # A kink on the diagonal makes it of second order: it must come four times as close.
+        # A kink on the diagonal makes it of second order: it comes four times as close, or a little
+        # less where other kinks fall between the points.
         assert misses[0] <= 3.0 / 48**2
-        assert misses[1] <= 0.27 * misses[0]
+        assert misses[1] <= 0.3 * misses[0]
 
 
 @cases
@@ -106,13 +109,17 @@ def test_bounds_hold_and_are_small(base: Model, control: str | None, steps: int)
 
 
 @cases
-def test_curves_are_albedos_of_the_steps(base: Model, control: str | None, steps: int) -> None:
+def test_curves_are_albedos_of_the_steps(
+    base: Model, control: str | None, steps: int, rng: np.random.Generator
+) -> None:
+    """Sums over rings against the integral of the whole, at many heights: none may miss a kink."""
+    cosines = np.concatenate((COSINES, np.sin(rng.uniform(0.0, 0.5 * math.pi, 150))))
     curves = albedo.pump(base, steps, control).albedos
     assert len(curves) == steps
     for k, curve in enumerate(curves):
-        found = albedo.directional_albedo(albedo.pump(base, k, control), COSINES, rtol=1e-9)
-        error = 1e-9 * k + curve.error[curve.piece(folded(COSINES))]
-        assert np.all(np.abs(curve(COSINES) - found.value) <= found.error + error * found.value)
+        found = albedo.directional_albedo(albedo.pump(base, k, control), cosines, rtol=1e-8)
+        error = curve.error[curve.piece(folded(cosines))] * found.value
+        assert np.all(np.abs(curve(cosines) - found.value) <= found.error + error)
 
 
 @cases

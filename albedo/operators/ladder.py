@@ -456,29 +456,36 @@ class Ladder:
         """Take the divisor at the nodes, and cut rings where its last curve has a kink.
 
         A kink between the last node of a cell and its end is seen by no spectrum: what may hide
-        there is what the curve changes by from the kink to the nearer end.
+        there is what the curve changes by on the shorter side.
         """
-        rings.log_divisor = divisor.at_nodes(c, rings.cells.row, rings.c, rings.s)
+        row = rings.cells.row
+        if self.control == "cumulative":
+            rings.log_divisor = divisor.at_nodes(c, row, rings.c, rings.s)
+        else:
+            last = Divisor(divisor.curves[-1:], self.control)
+            rings.log_divisor += last.at_nodes(c, row, rings.c, rings.s)
         levels = divisor.last_levels(c)
         if levels.shape[1] == 0:
             return
-        row = rings.cells.row
         sent = rings.cells.value * np.exp(-rings.log_divisor.min(1))
         share = sent / np.bincount(row, sent, minlength=c.size)[row]
         end = rings.heights(np.array([0.0, 1.0]))
-        y = folded(np.sin(end), np.cos(end))
         curve = divisor.curves[-1]
-        at_end = curve.at(y)
         hidden = np.zeros(row.size)
         for column in range(levels.shape[1]):
             level = np.where(np.isfinite(levels[:, column]), levels[:, column], c)[row]
-            inside = (np.arcsin(level) - end[:, 0]) * (np.arcsin(level) - end[:, 1]) < 0.0
+            place = np.arcsin(level)[:, None]
+            inside = (place[:, 0] - end[:, 0]) * (place[:, 0] - end[:, 1]) < 0.0
             # Of the two sides of a maximum one may be constant: what changes is the other one.
-            there = folded(level)
-            change = np.abs(at_end - curve.at(there)[:, None])
-            if divisor.control is not None:
-                heights = np.log(np.maximum(np.sin(end), LOWEST))
-                change += np.abs(heights - np.log(np.maximum(level, LOWEST))[:, None])
+            change = np.zeros(end.shape)
+            for share_of_way in (0.5, 1.0):
+                there = place + share_of_way * (end - place)
+                moved = curve.at(folded(np.sin(there), np.cos(there)))
+                moved = np.abs(moved - curve.at(folded(level))[:, None])
+                if divisor.control is not None:
+                    heights = np.log(np.maximum(np.sin(there), LOWEST))
+                    moved += np.abs(heights - np.log(np.maximum(level, LOWEST))[:, None])
+                change = np.maximum(change, moved)
             hidden = np.maximum(hidden, np.where(inside, change.min(1), 0.0))
         wanted = share * hidden > _HIDDEN * self.rtol
         if wanted.any():
