@@ -141,8 +141,9 @@ class PolarChart(CompiledChart):
         norm = np.hypot(sp / wx, cp / wy)
         slant = (wx / wy * cp * cp + wy / wx * sp * sp) / norm
         with np.errstate(divide="ignore"):
-            # A heavy tail feels the horizon at all scales up to half vectors of slope 1.
-            reach = np.maximum(slant, 1.0) if self.decay == "algebraic" else slant
+            # A heavy tail feels the horizon at all scales up to half vectors of slope 1; with the
+            # elliptic angle cos(psi) grows as slant times norm, which is 1 for circles.
+            reach = slant * norm if self.decay == "algebraic" else slant
             layer = np.where(s > 0, c / (s * reach), np.inf)
         geometry = np.column_stack(
             (
