@@ -166,7 +166,8 @@ def second_compiler(*models: str) -> Iterator[None]:
     *models : str
         Models about to be integrated, as on the command line: it compiles their nodes too.
     """
-    if (cache_root() / digest(PACKAGE)).exists():
+    # The folder itself is made as soon as a kernel is declared.
+    if any((cache_root() / digest(PACKAGE)).rglob("*.nbi")):
         yield
         return
     code = "import sys; from albedo.quadrature import compile_ahead; compile_ahead(sys.argv[1:])"

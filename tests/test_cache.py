@@ -13,6 +13,7 @@ import pytest
 from numba.core.errors import TypingError
 
 import albedo
+from albedo import _compile
 from albedo._compile import address, indirect, kernel
 
 PACKAGE = Path(albedo.__file__).parent
@@ -120,3 +121,35 @@ def test_a_kernel_is_called_by_its_address_with_its_own_types_only() -> None:
         np.testing.assert_array_equal(y, expected)
     with pytest.raises(TypingError, match="is called with"):
         through(address(double, types), np.arange(4), y)
+
+
+def test_only_an_empty_cache_gets_a_second_compiler(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its folder is there as soon as a kernel is declared; machine code comes later."""
+    started = []
+
+    class Helper:
+        def __init__(self, command: list[str], **_: object) -> None:
+            started.append(command)
+
+        def __enter__(self) -> Helper:
+            return self
+
+        def __exit__(self, *_: object) -> None:
+            return None
+
+        def terminate(self) -> None:
+            return None
+
+    monkeypatch.setenv("ALBEDO_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(_compile.subprocess, "Popen", Helper)
+    folder = tmp_path / _compile.digest(_compile.PACKAGE) / "catalogue"
+    folder.mkdir(parents=True)
+    with _compile.second_compiler("ward:m=0.1"):
+        pass
+    assert [command[-1] for command in started] == ["ward:m=0.1"]
+    (folder / "ward.fill.nbi").touch()
+    with _compile.second_compiler("ward:m=0.1"):
+        pass
+    assert len(started) == 1
