@@ -42,7 +42,7 @@ _UNSELECTED = 1
 _GROWTH = 0.65
 # Rows of more panels than this are first seen with few nodes: at grazing angles most panels hold
 # next to nothing. Fewer than six coefficients tell of no fall, only of the size.
-_CROWD, _GLANCE = 16, 5
+_CROWD, _GLANCE = 16, 4
 # What moved, times this, bounds the error of the finer rule, and the fall that it may claim.
 _TRUST = 8.0
 
