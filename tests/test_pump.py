@@ -200,8 +200,31 @@ def test_what_is_pumped_is_a_model_like_any_other() -> None:
     assert np.all(np.abs(table["value"].values[1] - exact.value) <= 2.0 * exact.error)
     seen = albedo.directional_albedo(model, cosines, fixed="view")
     assert np.all(np.abs(seen.value - exact.value) <= seen.error + exact.error)
-    twice = albedo.directional_albedo(albedo.pump(albedo.pump(PHONG, 1), 1), cosines)
+    # The inner divisor errs, and the outer one with it: it has to be better than by default.
+    nested = albedo.pump(albedo.pump(PHONG, 1, rtol=1e-10), 1)
+    twice = albedo.directional_albedo(nested, cosines)
     assert np.all(np.abs(twice.value - exact.value) <= twice.error + exact.error)
+
+
+def test_a_dark_model_is_refused() -> None:
+    with pytest.raises(InputError, match="not above 0"):
+        albedo.directional_albedo(albedo.pump(albedo.model("lambert", rho=0.0)), 0.5)
+
+
+def test_what_the_base_is_worth_is_in_the_bound() -> None:
+    """A base whose numbers err by a part in a million makes a divisor that does."""
+    rough = albedo.pump(albedo.pump(PHONG, 1, rtol=1e-6), 1)
+    found = albedo.directional_albedo(rough, COSINES, rtol=1e-4)
+    inner = rough.base.parts()[0].doubt(None)
+    assert inner > 1e-9
+    assert rough.parts()[0].doubt(None) > 2.0 * inner
+    known = albedo.directional_albedo(albedo.pump(PHONG, 2), COSINES)
+    assert np.all(np.abs(found.value - known.value) <= found.error + known.error)
+
+
+def test_no_step_promises_no_more_than_the_base() -> None:
+    assert not albedo.pump(WARD, 0).conserves_energy
+    assert albedo.pump(WARD, 1).conserves_energy
 
 
 def test_tables_end_where_the_albedo_has_no_limit() -> None:

@@ -6,6 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from albedo._compile import kernel
+
 Kernel = Callable[..., None]
 Nodes = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
@@ -53,3 +55,15 @@ class CompiledChart:
         kernel, numbers = self.layout
         kernel(geometry, code, box, u, v, numbers, *found)
         return found
+
+
+@kernel
+def clustered(t, power):
+    """A place in (0, 1) and its slope, nodes clustered at the start (1), the end (2) or both."""
+    if power == 1:
+        return t * t, 2.0 * t
+    if power == 2:
+        return t * (2.0 - t), 2.0 * (1.0 - t)
+    if power == 3:
+        return t * t * (3.0 - 2.0 * t), 6.0 * t * (1.0 - t)
+    return t, 1.0

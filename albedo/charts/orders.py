@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from albedo._compile import kernel
-from albedo.charts._compiled import CompiledChart, Kernel
+from albedo.charts._compiled import CompiledChart, Kernel, clustered
 
 # A Gaussian is cut at this many widths: at 5e-32 of its peak.
 REACH = 12.0
@@ -215,18 +215,6 @@ def _pieces(folds: float) -> list[tuple[float, float]]:
 
 
 @kernel
-def _clustered(t, power):
-    """A place in (0, 1) and its slope, nodes clustered at the start (1), the end (2) or both."""
-    if power == 1:
-        return t * t, 2.0 * t
-    if power == 2:
-        return t * (2.0 - t), 2.0 * (1.0 - t)
-    if power == 3:
-        return t * t * (3.0 - 2.0 * t), 6.0 * t * (1.0 - t)
-    return t, 1.0
-
-
-@kernel
 def _nodes(geometry, code, box, u, v, numbers, wi, wo, h, weight):
     """Directions, sums and Jacobians; one row per panel."""
     for k in range(box.shape[0]):
@@ -242,7 +230,7 @@ def _nodes(geometry, code, box, u, v, numbers, wi, wo, h, weight):
         sign = -1.0 if x_mode == 2 else 1.0
         inner = sign * x
         for iu in range(u.size):
-            t, dt = _clustered(u0 + (u1 - u0) * u[iu], power)
+            t, dt = clustered(u0 + (u1 - u0) * u[iu], power)
             place = y_first + (y_last - y_first) * t
             dy = abs(y_last - y_first) * dt * (u1 - u0)
             if y_mode == 0:

@@ -29,7 +29,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from albedo._compile import kernel
-from albedo.charts._compiled import CompiledChart, Kernel
+from albedo.charts._compiled import CompiledChart, Kernel, clustered
 
 KINDS = {"slope": 0, "mirror": 1, "mirror_hemisphere": 2, "broad": 3}
 KINKS = {"none": 0, "max": 1, "v_cavity": 2}
@@ -366,18 +366,6 @@ def _rings(
                 box[count, 5] = v1
                 count += 1
     return count
-
-
-@kernel
-def clustered(t, power):
-    """A place in (0, 1) and its slope, nodes clustered at the start (1), the end (2) or both."""
-    if power == 1:
-        return t * t, 2.0 * t
-    if power == 2:
-        return t * (2.0 - t), 2.0 * (1.0 - t)
-    if power == 3:
-        return t * t * (3.0 - 2.0 * t), 6.0 * t * (1.0 - t)
-    return t, 1.0
 
 
 @kernel

@@ -199,9 +199,7 @@ def integrate(
         limit=limit,
         fine=fine,
     )
-    geometry, cells, doubt, spent, rounds = (
-        *(done.geometry, done.cells, done.doubt, done.spent, done.rounds),
-    )
+    geometry, cells, doubt, spent = done.geometry, done.cells, done.doubt, done.spent
     value, error, size, leaves = _sums(cells, n)
     if not probe:
         nodes, shift = 0, np.zeros(n)
@@ -213,7 +211,7 @@ def integrate(
     stopped = doubt * error + rounding <= np.maximum(atol, rtol * np.abs(value))
     tight = np.bincount(cells.row, weights=cells.tight, minlength=n)
     # Refining where the bound is large selects as well: after a few rounds only the wide one holds.
-    error = doubt * np.where(stopped | (rounds > _UNSELECTED), error, tight) + rounding
+    error = doubt * np.where(stopped | (done.rounds > _UNSELECTED), error, tight) + rounding
     finite = np.isfinite(value) & np.isfinite(error)
     value, error = np.where(finite, value, np.nan), np.where(finite, error, np.inf)
     found = Result(value, error, spent, finite & stopped)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -163,7 +164,7 @@ class LogCurve:
 
 def _marks(curve: LogCurve) -> np.ndarray:
     """Coordinates at which a curve has the value of one of its extrema or ends, those included."""
-    ends = _turns(_Divided(curve, False))
+    ends = _turns(_Step(curve, False))
     if ends.size == 2:
         return np.empty(0)
     values = curve.at(ends)
@@ -197,7 +198,7 @@ def summed(curves: list[LogCurve]) -> LogCurve:
 
 
 @kernel
-def _log_divisors(row, c, s, y_l, l_l, known, edges, bent, coefficients, starts, control, out):
+def _log_divisors(row, c, s, l_l, known, edges, bent, coefficients, starts, control, out):
     """Log of the divisor for nodes of height c, s of cells with rows; `known` has the curves at L.
 
     `starts` says where the pieces of each curve begin; edges have one more than pieces per curve.
@@ -290,7 +291,7 @@ class Divisor:
         out = np.empty(c.shape)
         lowest = np.log(np.maximum(cos_light, LOWEST))
         _log_divisors(
-            *(row, c, s, y, lowest, np.ascontiguousarray(known.reshape(y.size, -1))),
+            *(row, c, s, lowest, np.ascontiguousarray(known.reshape(y.size, -1))),
             *(self._edges, self._bent, self._coefficients, self._starts, self._code, out),
         )
         return out
@@ -362,7 +363,7 @@ class Divisor:
     def _levels_of(self, curve: LogCurve, cos_light: np.ndarray) -> list[np.ndarray]:
         """Levels of one step."""
         literal = self.control == "literal"
-        found = _equal_levels(_Divided(curve, literal), cos_light)
+        found = _equal_levels(_Step(curve, literal), cos_light)
         return found + _fixed_levels(curve, cos_light) if literal else found
 
     def _clamped(self, cos_light: np.ndarray) -> list[np.ndarray]:
@@ -391,7 +392,7 @@ def _columns(found: list[np.ndarray], n: int) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class _Divided:
+class _Step:
     """What a step divides by as a function of one height: an albedo, not less than the cosine."""
 
     curve: LogCurve
@@ -402,18 +403,19 @@ class _Divided:
         return np.maximum(value, np.log(unfolded(y))) if self.floor else value
 
 
-# Curves that vary by less than this many of their errors have no kink that is known to be there.
-_FLAT = 4.0
+# Curves that vary by less than this many of their errors have no kink that is known to be there;
+# what that may cost is part of the bound.
+FLAT = 1.0
 
 
-def _turns(function: _Divided) -> np.ndarray:
+def _turns(function: _Step) -> np.ndarray:
     """Ends of the intervals of y on which a function rises or falls."""
     y = function.curve.samples
     if function.floor:
         y = np.unique(np.concatenate((y, _crossings(function.curve))))
     value = function.at(y)
     turns, last, direction = [0], 0, 0
-    flat = _FLAT * float(function.curve.error.max())
+    flat = FLAT * float(function.curve.error.max())
     # An extremum counts when what follows differs from it by more than the rounding.
     for k in range(1, y.size):
         step = value[k] - value[last]
@@ -434,7 +436,7 @@ def _turns(function: _Divided) -> np.ndarray:
     return ends
 
 
-def _peak(function: _Divided, low: float, high: float, sign: float) -> float:
+def _peak(function: _Step, low: float, high: float, sign: float) -> float:
     """The place of the largest value of sign * function.
 
     Where it is smooth, by the change of sign of its derivative: values tell the place of an
@@ -470,7 +472,7 @@ def _logs(low: float, high: float) -> np.ndarray:
 
 def _rises(curve: LogCurve) -> bool | None:
     """Whether a curve rises with the height, falls (False), or does both (None)."""
-    if _turns(_Divided(curve, False)).size > 2:
+    if _turns(_Step(curve, False)).size > 2:
         return None
     ends = curve.at(np.array([FIRST, LAST]))
     return bool(ends[1] >= ends[0])
@@ -488,7 +490,7 @@ def _fixed_levels(curve: LogCurve, cos_light: np.ndarray) -> list[np.ndarray]:
     return [np.full(cos_light.size, c) for c in unfolded(_crossings(curve))]
 
 
-def _equal_levels(function: _Divided, cos_light: np.ndarray) -> list[np.ndarray]:
+def _equal_levels(function: _Step, cos_light: np.ndarray) -> list[np.ndarray]:
     """Heights at which a function is what it is at each n.l, but for n.l itself."""
     ends = _turns(function)
     if ends.size == 2:
@@ -512,7 +514,7 @@ def _equal_levels(function: _Divided, cos_light: np.ndarray) -> list[np.ndarray]
     return found
 
 
-def _sign_changes(function, y: np.ndarray) -> list[np.ndarray]:  # type: ignore[no-untyped-def]
+def _sign_changes(function: Callable[[np.ndarray], np.ndarray], y: np.ndarray) -> list[np.ndarray]:
     """Cosines at which a function changes its sign, for rows of ascending y: columns (n,)."""
     value = function(unfolded(y))
     positive = value > 0.0

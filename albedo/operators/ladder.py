@@ -27,9 +27,10 @@ from numpy.polynomial import chebyshev
 
 from albedo._compile import kernel
 from albedo.brdf import Model, Part
+from albedo.charts._compiled import clustered
 from albedo.charts.cosine import CosineChart
 from albedo.charts.polar import PolarChart
-from albedo.charts.rings import RingsChart, clustered, elevation
+from albedo.charts.rings import RingsChart, elevation
 from albedo.errors import InputError
 from albedo.integrators.adaptive import refine
 from albedo.integrators.cells import (
@@ -43,6 +44,7 @@ from albedo.integrators.cells import (
 from albedo.integrators.rules import LADDER, gauss
 from albedo.operators.divisor import (
     FIRST,
+    FLAT,
     LAST,
     LOWEST,
     NODES,
@@ -203,9 +205,12 @@ class _Rings:
             atol=0.0,
             limit=_LIMIT,
         )
-        # What directions moved by an ulp change, as a share of what is sent on.
-        shift = probe_cells(chart, integrand, done.geometry, done.cells, n, 1)
-        shift /= np.maximum(np.bincount(done.cells.row, done.cells.value, n), 1e-300)
+        # What directions moved by an ulp change, as a share of what is sent on, and what the
+        # numbers of the part are worth.
+        moved = probe_cells(chart, integrand, done.geometry, done.cells, n, 1)
+        sent = np.maximum(np.bincount(done.cells.row, done.cells.value, n), 1e-300)
+        own = part.doubt(cos_theta) if callable(part.doubt) else part.doubt
+        shift = 4.0 * moved / sent + own
         empty = (np.empty((0, _TOP)) for _ in range(4))
         found = cls(chart, integrand, done.geometry, done.cells, done.doubt, shift, *empty)
         found.density, found.c, found.s = found._around(done.cells)
@@ -408,10 +413,9 @@ class Ladder:
         What the curves are to be worth, relatively.
     """
 
-    def __init__(self, model: Model, control: str | None, rtol: float = 1e-11) -> None:
+    def __init__(self, model: Model, control: str | None, rtol: float) -> None:
         self.model, self.control, self.rtol = model, control, rtol
         self.curves: list[LogCurve] = []
-        self.evaluations = 0
         self._cos = np.empty(0)
         self._parts: list[_Rings] = []
         self._pieces: list[_Piece] = []
@@ -436,10 +440,9 @@ class Ladder:
         t = np.tile(0.5 * (np.concatenate((NODES, _FRESH)) + 1.0), (len(spans), 1))
         t = np.where(bent == 1, t * t, np.where(bent == 2, t * (2.0 - t), t))
         y = low + t * (high - low)
-        c = np.minimum(unfolded(y).ravel(), 1.0)
+        c = np.clip(unfolded(y).ravel(), LOWEST, 1.0)
         first = self._cos.size
         parts = [_Rings.of(self.model, part, c, self.rtol * 1e-2) for part in self.model.parts()]
-        self.evaluations += sum(int(r.cells.order.prod(1).sum()) for r in parts)
         for done in range(1, len(self.curves) + 1):
             divisor = self.divisor(done)
             for rings in parts:
@@ -500,11 +503,17 @@ class Ladder:
             for rings in self._parts:
                 own, bound, *cells = rings.sums(n)
                 value += own
-                error += bound + 4.0 * rings.shift * own
+                error += bound + rings.shift * own
                 per_cell.append(cells)
             mirror, mirror_error = self._mirror()
             value += mirror
             error += mirror_error
+            dark = ~(value > 0.0)
+            if dark.any():
+                raise InputError(
+                    f"{self.model.spec} cannot be pumped up: at cos_theta = "
+                    f"{self._cos[dark][0]:.3g} its albedo is {value[dark][0]:g}, not above 0"
+                )
             if not self._sharpen(value, error, per_cell):
                 break
         return value, error / value + _ROUNDINGS * _EPS
@@ -617,25 +626,22 @@ class Ladder:
             total += np.bincount(rings.cells.row, own.sum(1), rows.size)
             heights.append(folded(rings.c, rings.s))
         total += self._mirror()[0][rows]
-        for j, earlier in enumerate(self.curves):
+        for earlier, transfer in zip(self.curves, self._transfer, strict=True):
             matrix = np.zeros((rows.size, earlier.error.size))
             own_piece = earlier.piece(y_l)
             at_l = earlier.at(y_l)
             for rings, share, y in zip(parts, sent, heights, strict=True):
-                free = self._free(earlier, j, rings, c, y)
+                free = self._free(earlier, rings, c, y)
                 _selected(
                     *(rings.cells.row, rings.cells.order, share, at_l, earlier.at(y), free),
                     *(own_piece, earlier.piece(y), matrix),
                 )
             # A mirror's light has one height.
             matrix[np.arange(rows.size), own_piece] += self._mirror()[0][rows]
-            transfer = self._transfer[j]
             found[:, : transfer.shape[1]] -= matrix / total[:, None] @ transfer
         return found
 
-    def _free(
-        self, curve: LogCurve, j: int, rings: _Rings, c: np.ndarray, y: np.ndarray
-    ) -> np.ndarray:
+    def _free(self, curve: LogCurve, rings: _Rings, c: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Whether the divisor at nodes is made of albedos, not of heights."""
         if self.control is None:
             return np.ones(y.shape, dtype=bool)
@@ -655,7 +661,8 @@ class Ladder:
 
     def _doubt(self, steps: int) -> float:
         curves = self.curves[:steps]
-        new = np.concatenate([curve.error for curve in curves])
+        # A curve errs, and extrema as small as its error were passed over.
+        new = (1.0 + FLAT) * np.concatenate([curve.error for curve in curves])
         edges = np.unique(np.concatenate([curve.edges for curve in curves]))
         y = 0.5 * (edges[1:] + edges[:-1])
         rows = np.zeros((y.size, y.size, new.size))
@@ -714,6 +721,6 @@ class Ladder:
 
 
 @lru_cache(maxsize=64)
-def ladder(model: Model, control: str | None, rtol: float = 1e-11) -> Ladder:
+def ladder(model: Model, control: str | None, rtol: float) -> Ladder:
     """The ladder of a model, shared by all that read it."""
     return Ladder(model, control, rtol)

@@ -55,7 +55,6 @@ class Pumped(Model):
 
     name = "pump"
     title = "pumped up"
-    conserves_energy = True
     base: Model
     steps: int
     control: str | None
@@ -68,6 +67,7 @@ class Pumped(Model):
             "steps": steps,
             "control": control,
             "rtol": rtol,
+            "conserves_energy": steps > 0 or base.conserves_energy,
             "grazing_limit": base.grazing_limit,
             "references": ("neumann_pumping", *base.references),
             "equation": f"NNS eqs. 16 to 21 over {base.equation}",
@@ -144,6 +144,8 @@ class Pumped(Model):
         for part in self.base.parts():
             chart = rings_of(part, divisor.levels)
             own = part.doubt
+            # Lobes about the mirror direction have one routine.
+            (routine,) = routines_of(part)
 
             def doubt(cosines: np.ndarray | None, own: Any = own) -> Any:
                 inherited = own(cosines) if callable(own) else own
@@ -159,7 +161,7 @@ class Pumped(Model):
                     loss=None,
                     loss_chart=None,
                     doubt=doubt,
-                    routine=routines_of(part)[0],
+                    routine=routine,
                 )
             )
         return tuple(pumped)
