@@ -134,6 +134,15 @@ def elevation(g, side, s):
 
 
 @kernel
+def stretched(g, side, e_v):
+    """The variable of `elevation` where V has an elevation."""
+    if side == 1:
+        return math.asinh(math.sqrt(max(e_v, 0.0) / g[7]))
+    below = g[4] - e_v if side == 0 else e_v - g[4]
+    return math.asinh(below / _scale(g))
+
+
+@kernel
 def _ring(g, kind, kinks, decay, e_v, below):
     """What a ring holds: the scale of tan(chi/4), the end of chi and a kink (0: none), as
     tan(chi/4)."""

@@ -8,7 +8,6 @@ models in angles depend on theta at normal incidence.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -40,6 +39,15 @@ def fold(c, s):
     if c <= 0.5:
         return math.log(2.0 * max(c, LOWEST))
     return LAST - math.atan2(s, c)
+
+
+@kernel
+def unfold(y):
+    """Cosine and sine of the polar angle at y."""
+    if y <= 0.0:
+        c = 0.5 * math.exp(y)
+        return c, math.sqrt((1.0 - c) * (1.0 + c))
+    return math.cos(LAST - y), math.sin(LAST - y)
 
 
 @kernel
@@ -155,6 +163,27 @@ class LogCurve:
         return _marks(self)
 
     @cached_property
+    def turns(self) -> np.ndarray:
+        """Ends of the intervals of y on which the curve rises or falls."""
+        return _turns(_Step(self, False))
+
+    @cached_property
+    def floored_turns(self) -> np.ndarray:
+        """Ends of the intervals on which the larger of the curve and the cosine does."""
+        return _turns(_Step(self, True))
+
+    @cached_property
+    def crossings(self) -> np.ndarray:
+        """Coordinates at which the albedo is the cosine."""
+        return _sign_changes(lambda y: self.at(y) - np.log(unfolded(y)), self.samples)
+
+    @property
+    def bends(self) -> np.ndarray:
+        """Coordinates at which the curve may bend: ends of bent pieces."""
+        starts, ends = self.edges[:-1][self.bent == 1], self.edges[1:][self.bent == 2]
+        return np.unique(np.concatenate((starts, ends)))
+
+    @cached_property
     def samples(self) -> np.ndarray:
         """Coordinates y that show every extremum, ascending, with both ends."""
         place = 0.5 * (1.0 - np.cos(np.pi * np.arange(_SAMPLES) / _SAMPLES))
@@ -164,25 +193,11 @@ class LogCurve:
 
 def _marks(curve: LogCurve) -> np.ndarray:
     """Coordinates at which a curve has the value of one of its extrema or ends, those included."""
-    ends = _turns(_Step(curve, False))
+    ends = curve.turns
     if ends.size == 2:
         return np.empty(0)
-    values = curve.at(ends)
-    found = list(ends[1:-1])
-    for k, value in enumerate(values):
-        for i in range(ends.size - 1):
-            low, high = ends[i], ends[i + 1]
-            if k in (i, i + 1) or not min(values[i : i + 2]) < value < max(values[i : i + 2]):
-                continue
-            rising = values[i + 1] > values[i]
-            for _ in range(_BISECTIONS):
-                middle = 0.5 * (low + high)
-                if (curve.at(np.array([middle]))[0] < value) == rising:
-                    low = middle
-                else:
-                    high = middle
-            found.append(0.5 * (low + high))
-    return np.unique(found)
+    found = np.concatenate((ends[1:-1], *_equal_levels(_Step(curve, False), ends)))
+    return np.unique(found[np.isfinite(found)])
 
 
 def summed(curves: list[LogCurve]) -> LogCurve:
@@ -198,30 +213,30 @@ def summed(curves: list[LogCurve]) -> LogCurve:
 
 
 @kernel
-def _log_divisors(row, c, s, l_l, known, edges, bent, coefficients, starts, control, out):
-    """Log of the divisor for nodes of height c, s of cells with rows; `known` has the curves at L.
+def _log_divisors(
+    row, first, count, y, height, l_l, known, edges, bent, coefficients, starts, control, out
+):
+    """Log of the divisor at runs of nodes, each in a row; `known` has the curves at L.
 
     `starts` says where the pieces of each curve begin; edges have one more than pieces per curve.
     """
     steps = starts.size - 1
-    for k in range(c.shape[0]):
+    for k in range(row.size):
         r = row[k]
-        for i in range(c.shape[1]):
-            y = fold(c[k, i], s[k, i])
-            height = math.log(max(c[k, i], LOWEST))
+        for i in range(first[k], first[k] + count[k]):
             total = 0.0
             for j in range(steps):
                 # Both have one edge more than pieces for every curve before.
                 value = max(
-                    curve_at(y, edges, bent, coefficients, starts[j], starts[j + 1] - 1),
+                    curve_at(y[i], edges, bent, coefficients, starts[j], starts[j + 1] - 1),
                     known[r, j],
                 )
                 if control == 1:
-                    value = max(value, height, l_l[r])
+                    value = max(value, height[i], l_l[r])
                 total += value
             if control == 2:
-                total = max(total, height, l_l[r])
-            out[k, i] = total
+                total = max(total, height[i], l_l[r])
+            out[i] = total
 
 
 @kernel
@@ -283,18 +298,34 @@ class Divisor:
         self._starts = np.cumsum([0, *(curve.edges.size for curve in used)])
 
     def at_nodes(
-        self, cos_light: np.ndarray, row: np.ndarray, c: np.ndarray, s: np.ndarray
-    ) -> np.ndarray:
-        """Log of the divisor at heights c, s of shape (m, q), in rows with these lights."""
-        y = folded(cos_light)
-        known = np.column_stack([curve.at(y) for curve in self._used] or [np.zeros((y.size, 0))])
-        out = np.empty(c.shape)
+        self,
+        cos_light: np.ndarray,
+        row: np.ndarray,
+        first: np.ndarray,
+        count: np.ndarray,
+        y: np.ndarray,
+        log_height: np.ndarray,
+        out: np.ndarray,
+    ) -> None:
+        """Fill the log of the divisor at runs of nodes, in rows with these lights.
+
+        Parameters
+        ----------
+        cos_light : ndarray, shape (n,)
+        row, first, count : ndarray of int, shape (m,)
+            Row of each run, its first node, and how many there are.
+        y, log_height, out : ndarray, shape (q,)
+            Of all nodes: coordinate of n.v, its logarithm, and the result.
+        """
+        y_l = folded(cos_light)
+        # An empty column, because there may be no step.
+        empty = np.empty((y_l.size, 0))
+        known = np.column_stack([empty, *(curve.at(y_l) for curve in self._used)])
         lowest = np.log(np.maximum(cos_light, LOWEST))
         _log_divisors(
-            *(row, c, s, lowest, np.ascontiguousarray(known.reshape(y.size, -1))),
+            *(row, first, count, y, log_height, lowest, np.ascontiguousarray(known)),
             *(self._edges, self._bent, self._coefficients, self._starts, self._code, out),
         )
-        return out
 
     def divide(self, wi: np.ndarray, wo: np.ndarray, out: np.ndarray) -> None:
         """Divide values of a kernel by the divisor, in place."""
@@ -315,70 +346,123 @@ class Divisor:
 
     def logs(self, cos_light: np.ndarray, cos_view: np.ndarray) -> np.ndarray:
         """Log of the divisor for pairs of heights, two arrays of one shape (n,)."""
-        c = np.asarray(cos_view, dtype=np.float64)[:, None]
-        s = np.sqrt((1.0 - c) * (1.0 + c))
-        return self.at_nodes(cos_light, np.arange(c.size), c, s)[:, 0]
+        c = np.asarray(cos_view, dtype=np.float64)
+        rows, out = np.arange(c.size), np.empty(c.size)
+        heights = folded(c), np.log(np.maximum(c, LOWEST))
+        self.at_nodes(cos_light, rows, rows, np.ones_like(rows), *heights, out)
+        return out
 
     def levels(self, cos_light: np.ndarray) -> np.ndarray:
         """Values of n.v, beside n.l, at which the divisor has kinks: (n, k), NaN where fewer."""
+        y_l = folded(cos_light)
         found: list[np.ndarray] = []
         if not self.collapsed:
             for curve in self.curves:
-                found += self._levels_of(curve, cos_light)
+                found += self._levels_of(curve, y_l)
             for curve in self.curves[:-1]:
-                found += [np.full(cos_light.size, c) for c in unfolded(curve.marks)]
-        if self.control == "cumulative" and self.curves:
-            found += self._clamped(cos_light)
-        return _columns(found, cos_light.size)
+                found += [np.full(y_l.size, y) for y in curve.marks]
+        return _columns([unfolded(y) for y in found + self._clamped(y_l)], y_l.size)
+
+    def last_levels(self, cos_light: np.ndarray) -> np.ndarray:
+        """Coordinates of the levels that the last step adds: (n, k), NaN where fewer."""
+        y_l = folded(cos_light)
+        found: list[np.ndarray] = []
+        if not self.collapsed and self.curves:
+            found += self._levels_of(self.curves[-1], y_l)
+            found += [np.full(y_l.size, y) for y in self.curves[-1].bends]
+        found += self._clamped(y_l)
+        return np.column_stack(found) if found else np.empty((y_l.size, 0))
 
     @cached_property
     def marks(self) -> np.ndarray:
         """Coordinates of n.l at which an albedo with this divisor may bend."""
         found = [np.empty(0), *(curve.marks for curve in self.curves)]
         if self.control == "literal":
-            found += [_crossings(curve) for curve in self.curves]
+            found += [curve.crossings for curve in self.curves]
         if self.control == "cumulative" and self.curves:
-            free = Divisor(self.curves, None)
-            y = np.unique(np.concatenate([curve.samples for curve in self.curves]))[None, :]
             # Where the product is the cosine with V as high as L, and with V at the normal.
             for other in (None, 1.0):
 
-                def excess(c: np.ndarray, other: float | None = other) -> np.ndarray:
-                    view = c.ravel() if other is None else np.full(c.size, other)
-                    logs = free.logs(c.ravel(), view)
-                    return (logs - np.log(np.maximum(view, LOWEST))).reshape(c.shape)
+                def excess(y: np.ndarray, other: float | None = other) -> np.ndarray:
+                    c = unfolded(y)
+                    view = c if other is None else np.full(c.size, other)
+                    return self._free.logs(c, view) - np.log(np.maximum(view, LOWEST))
 
-                found += [folded(c) for c in _sign_changes(excess, y)]
+                found.append(_sign_changes(excess, self.curves[-1].samples))
         return np.unique(np.concatenate(found))
 
-    def last_levels(self, cos_light: np.ndarray) -> np.ndarray:
-        """As `levels`, but only those that the last step adds."""
-        found: list[np.ndarray] = []
-        if not self.collapsed and self.curves:
-            found += self._levels_of(self.curves[-1], cos_light)
-        if self.control == "cumulative" and self.curves:
-            found += self._clamped(cos_light)
-        return _columns(found, cos_light.size)
+    @cached_property
+    def _free(self) -> Divisor:
+        """The same steps without control."""
+        return Divisor(self.curves, None)
 
-    def _levels_of(self, curve: LogCurve, cos_light: np.ndarray) -> list[np.ndarray]:
+    @property
+    def product(self) -> Divisor:
+        """The product of the divisors of all steps, whatever it may not fall below."""
+        return self._free if self.control == "cumulative" else self
+
+    def _levels_of(self, curve: LogCurve, y_l: np.ndarray) -> list[np.ndarray]:
         """Levels of one step."""
         literal = self.control == "literal"
-        found = _equal_levels(_Step(curve, literal), cos_light)
-        return found + _fixed_levels(curve, cos_light) if literal else found
+        found = _equal_levels(_Step(curve, literal), y_l)
+        # Where an albedo is the cosine the larger of both has a kink.
+        return found + [np.full(y_l.size, y) for y in curve.crossings] if literal else found
 
-    def _clamped(self, cos_light: np.ndarray) -> list[np.ndarray]:
-        """Where the product of the albedos is max(n.l, n.v)."""
-        free = Divisor(self.curves, None)
-        y = np.unique(np.concatenate([curve.samples for curve in free._used]))
+    def _clamped(self, y_l: np.ndarray) -> list[np.ndarray]:
+        """Coordinates at which the product of the albedos is max(n.l, n.v)."""
+        if self.control != "cumulative" or not self.curves:
+            return []
+        used = self._free
+        y = self.curves[-1].samples
+        at_v = np.stack([curve.at(y) for curve in used._used])
+        at_l = np.stack([curve.at(y_l) for curve in used._used])
+        room = 4
+        while True:
+            out = np.full((room, y_l.size), np.nan)
+            most = _clamp_levels(
+                *(y, np.log(np.maximum(unfolded(y), LOWEST)), at_v),
+                *(np.log(np.maximum(unfolded(y_l), LOWEST)), at_l),
+                *(used._edges, used._bent, used._coefficients, used._starts, out),
+            )
+            if most <= room:
+                return list(out[:most])
+            room = most
 
-        def excess(cos_view: np.ndarray) -> np.ndarray:
-            rows = np.repeat(np.arange(cos_light.size), cos_view.shape[1]).reshape(cos_view.shape)
-            c = np.ascontiguousarray(cos_view)
-            s = np.sqrt((1.0 - c) * (1.0 + c))
-            logs = free.at_nodes(cos_light, rows[:, 0].copy(), c, s)
-            return logs - np.log(np.maximum(np.maximum(cos_view, cos_light[:, None]), LOWEST))
 
-        return _sign_changes(excess, np.tile(y, (cos_light.size, 1)))
+@kernel
+def _clamp_levels(y, log_v, at_v, log_l, at_l, edges, bent, coefficients, starts, out):
+    """Fill the places where a sum of maxima is the log of the larger cosine; return how many."""
+    steps, most = at_v.shape[0], 0
+    for r in range(log_l.size):
+        count, before = 0, False
+        for i in range(y.size):
+            total = 0.0
+            for j in range(steps):
+                total += max(at_v[j, i], at_l[j, r])
+            above = total > max(log_v[i], log_l[r])
+            if i > 0 and above != before:
+                if count < out.shape[0]:
+                    low, high = y[i - 1], y[i]
+                    for _ in range(_BISECTIONS):
+                        middle = 0.5 * (low + high)
+                        if middle in (low, high):
+                            break
+                        total = 0.0
+                        for j in range(steps):
+                            here = curve_at(
+                                middle, edges, bent, coefficients, starts[j], starts[j + 1] - 1
+                            )
+                            total += max(here, at_l[j, r])
+                        cosine, _ = unfold(middle)
+                        if (total > max(math.log(max(cosine, LOWEST)), log_l[r])) == before:
+                            low = middle
+                        else:
+                            high = middle
+                    out[count, r] = 0.5 * (low + high)
+                count += 1
+            before = above
+        most = max(most, count)
+    return most
 
 
 def _columns(found: list[np.ndarray], n: int) -> np.ndarray:
@@ -412,7 +496,7 @@ def _turns(function: _Step) -> np.ndarray:
     """Ends of the intervals of y on which a function rises or falls."""
     y = function.curve.samples
     if function.floor:
-        y = np.unique(np.concatenate((y, _crossings(function.curve))))
+        y = np.unique(np.concatenate((y, function.curve.crossings)))
     value = function.at(y)
     turns, last, direction = [0], 0, 0
     flat = FLAT * float(function.curve.error.max())
@@ -472,64 +556,60 @@ def _logs(low: float, high: float) -> np.ndarray:
 
 def _rises(curve: LogCurve) -> bool | None:
     """Whether a curve rises with the height, falls (False), or does both (None)."""
-    if _turns(_Step(curve, False)).size > 2:
+    if curve.turns.size > 2:
         return None
     ends = curve.at(np.array([FIRST, LAST]))
     return bool(ends[1] >= ends[0])
 
 
-def _crossings(curve: LogCurve) -> np.ndarray:
-    """Coordinates at which an albedo is the cosine."""
-    y = curve.samples[None, :]
-    found = _sign_changes(lambda c: curve.at(folded(c)) - np.log(np.maximum(c, LOWEST)), y)
-    return folded(np.concatenate(found)) if found else np.empty(0)
-
-
-def _fixed_levels(curve: LogCurve, cos_light: np.ndarray) -> list[np.ndarray]:
-    """Heights at which an albedo is the cosine: the larger of both has a kink there."""
-    return [np.full(cos_light.size, c) for c in unfolded(_crossings(curve))]
-
-
-def _equal_levels(function: _Step, cos_light: np.ndarray) -> list[np.ndarray]:
-    """Heights at which a function is what it is at each n.l, but for n.l itself."""
-    ends = _turns(function)
+def _equal_levels(function: _Step, y_l: np.ndarray) -> list[np.ndarray]:
+    """Coordinates at which a function is what it is at each y_l, but for y_l itself."""
+    curve = function.curve
+    ends = curve.floored_turns if function.floor else curve.turns
     if ends.size == 2:
         return []
-    y_l = folded(cos_light)
-    goal = function.at(y_l)
-    found = []
-    for low, high in itertools.pairwise(ends.tolist()):
-        at_low, at_high = function.at(np.array([low, high]))
-        inside = (y_l >= low) & (y_l <= high)
-        rising = at_high > at_low
-        between = (goal > min(at_low, at_high)) & (goal < max(at_low, at_high)) & ~inside
-        if not between.any():
-            continue
-        a, b = np.full(goal.size, low), np.full(goal.size, high)
-        for _ in range(_BISECTIONS):
-            middle = 0.5 * (a + b)
-            below = (function.at(middle) < goal) == rising
-            a, b = np.where(below, middle, a), np.where(below, b, middle)
-        found.append(np.where(between, unfolded(0.5 * (a + b)), np.nan))
-    return found
+    out = np.full((ends.size - 1, y_l.size), np.nan)
+    _fill_equal(
+        *(y_l, function.at(y_l), ends, function.at(ends), function.floor),
+        *(curve.edges, curve.bent, curve.coefficients, out),
+    )
+    return [column for column in out if np.isfinite(column).any()]
 
 
-def _sign_changes(function: Callable[[np.ndarray], np.ndarray], y: np.ndarray) -> list[np.ndarray]:
-    """Cosines at which a function changes its sign, for rows of ascending y: columns (n,)."""
-    value = function(unfolded(y))
-    positive = value > 0.0
-    changes = positive[:, 1:] != positive[:, :-1]
-    found = []
-    for order in range(int(changes.sum(1).max(initial=0))):
-        # The column of each row's change of this order.
-        which = np.cumsum(changes, axis=1) == order + 1
-        has = which.any(1)
-        k = which.argmax(1)
-        rows = np.arange(y.shape[0])
-        a, b, left = y[rows, k], y[rows, k + 1], positive[rows, k]
-        for _ in range(_BISECTIONS):
-            middle = 0.5 * (a + b)
-            same = (function(unfolded(middle[:, None]))[:, 0] > 0.0) == left
-            a, b = np.where(same, middle, a), np.where(same, b, middle)
-        found.append(np.where(has, unfolded(0.5 * (a + b)), np.nan))
+@kernel
+def _fill_equal(y_l, goal, ends, at_ends, floor, edges, bent, coefficients, out):
+    """Fill one line for every interval on which a function rises or falls."""
+    pieces = coefficients.shape[0]
+    for i in range(ends.size - 1):
+        rising = at_ends[i + 1] > at_ends[i]
+        least, most = min(at_ends[i], at_ends[i + 1]), max(at_ends[i], at_ends[i + 1])
+        for r in range(y_l.size):
+            low, high = ends[i], ends[i + 1]
+            if low <= y_l[r] <= high or not least < goal[r] < most:
+                continue
+            for _ in range(_BISECTIONS):
+                middle = 0.5 * (low + high)
+                if middle in (low, high):
+                    break
+                value = curve_at(middle, edges, bent, coefficients, 0, pieces)
+                if floor:
+                    cosine, _ = unfold(middle)
+                    value = max(value, math.log(cosine))
+                if (value < goal[r]) == rising:
+                    low = middle
+                else:
+                    high = middle
+            out[i, r] = 0.5 * (low + high)
+
+
+def _sign_changes(function: Callable[[np.ndarray], np.ndarray], y: np.ndarray) -> np.ndarray:
+    """Coordinates between samples, in ascending order, at which a function changes its sign."""
+    positive = function(y) > 0.0
+    k = np.flatnonzero(positive[1:] != positive[:-1])
+    a, b, left = y[k], y[k + 1], positive[k]
+    for _ in range(_BISECTIONS if k.size else 0):
+        middle = 0.5 * (a + b)
+        same = (function(middle) > 0.0) == left
+        a, b = np.where(same, middle, a), np.where(same, b, middle)
+    found: np.ndarray = 0.5 * (a + b)
     return found

@@ -1,0 +1,733 @@
+r"""What a divisor of heights needs of a model: at every incidence, its integrals around rings.
+
+The integral of f (n.v) around the ring of one height, over a panel of heights, is a smooth
+function of the place t on the panel: a Legendre series, had once from the cells of the integrator.
+A *slice* is a part of a panel, with a Gauss rule of its own on which the series is read. So a
+panel is cut where a divisor has a kink without computing the model again, and a step of pumping-up
+costs a sum over the nodes of slices.
+
+Two errors of a panel do not depend on what is divided by but in its size: that of the rules along
+the rings, and what the series leaves out. That of the rules of slices is read from their spectra.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from albedo._compile import kernel
+from albedo.brdf import Model, Part
+from albedo.charts._compiled import clustered
+from albedo.charts.rings import RingsChart, elevation, stretched
+from albedo.integrators.adaptive import refine
+from albedo.integrators.cells import Cells, ModelIntegrand, judge, probe_cells, rules_by_order
+from albedo.integrators.rules import LADDER, gauss
+from albedo.operators.divisor import LOWEST, LogCurve, curve_at, fold, folded, unfold
+
+_TOP = LADDER[-1]
+_LIMIT = 400_000
+_BLOCK = 16384
+# What a series leaves out of a panel, in terms of its last coefficients.
+_TAIL, _WINDOW = 4.0, 3
+# All series of a row may leave out this share of what the row is to be worth.
+_LEFT_OUT = 0.5
+_ROUNDS = 8
+# Roundings at the nodes are amplified by the degree in the last coefficients.
+_NOISE = 1024.0 * np.finfo(np.float64).eps
+# Kinks that are closer than this, as a share of a panel, are one.
+_SAME = 1e-10
+
+
+class _Column:
+    """One of the arrays of a store, as far as it is filled."""
+
+    def __init__(self, store: str) -> None:
+        self.store = store
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    def __get__(self, instance: Any, owner: type) -> np.ndarray:
+        store: _Store = getattr(instance, self.store)
+        return store.arrays[self.name][: store.size]
+
+
+@dataclass
+class _Store:
+    """Arrays of one length that grow at their ends, with room to spare."""
+
+    arrays: dict[str, np.ndarray]
+    size: int
+
+    def append(self, **more: np.ndarray) -> None:
+        """Fill up all arrays; with zeros those of which nothing is given."""
+        (count,) = {a.size for a in more.values()}
+        last = self.size + count
+        for name, array in self.arrays.items():
+            if last > array.size:
+                room = np.zeros(last + last // 2, array.dtype)
+                room[: self.size] = array[: self.size]
+                self.arrays[name] = array = room
+            array[self.size : last] = more.get(name, 0)
+        self.size = last
+
+    def taken(self, which: np.ndarray) -> _Store:
+        """A store of some entries."""
+        kept = {name: array[: self.size][which] for name, array in self.arrays.items()}
+        return _Store(kept, next(iter(kept.values())).size)
+
+
+class Slices:
+    """Parts of panels, and the nodes of their rules.
+
+    Attributes
+    ----------
+    panel, start, end, order : ndarray
+        What each slice is a part of, from where to where, and how many nodes it has.
+    first : ndarray
+        The first of its nodes.
+    value, error, most : ndarray
+        What it was last worth, the bound of its rule, and the largest factor of its nodes.
+    stale : ndarray of bool
+        Whether these three are to be computed again.
+    density, y, log_height, log_product : ndarray
+        Of nodes: the integral around the ring, per unit of the rule; coordinate of n.v and its
+        logarithm; logarithm of the product of the divisors of all steps.
+    """
+
+    panel, start, end = _Column("_slices"), _Column("_slices"), _Column("_slices")
+    order, first, stale = _Column("_slices"), _Column("_slices"), _Column("_slices")
+    value, error, most = _Column("_slices"), _Column("_slices"), _Column("_slices")
+    density, y = _Column("_nodes"), _Column("_nodes")
+    log_height, log_product = _Column("_nodes"), _Column("_nodes")
+
+    def __init__(self) -> None:
+        whole = dict.fromkeys(("panel", "order", "first"), np.empty(0, int))
+        real = dict.fromkeys(("start", "end", "value", "error", "most"), np.empty(0))
+        self._slices = _Store({**whole, **real, "stale": np.empty(0, bool)}, 0)
+        names = ("density", "y", "log_height", "log_product")
+        self._nodes = _Store(dict.fromkeys(names, np.empty(0)), 0)
+
+    def put(
+        self,
+        gone: np.ndarray,
+        panel: np.ndarray,
+        start: np.ndarray,
+        end: np.ndarray,
+        order: np.ndarray,
+    ) -> np.ndarray:
+        """Put new slices in the places of others, and more at the end; return their numbers.
+
+        There are no fewer new ones than old ones. Their nodes are still to be laid out.
+        """
+        first = self._nodes.size + np.cumsum(order) - order
+        more = panel.size - gone.size
+        where = np.concatenate((gone, np.arange(self._slices.size, self._slices.size + more)))
+        self._slices.append(panel=panel[gone.size :])
+        new = {"panel": panel, "start": start, "end": end, "order": order, "first": first}
+        for name, values in new.items():
+            self._slices.arrays[name][where] = values
+        self._slices.arrays["stale"][where] = True
+        self._nodes.append(density=np.zeros(int(order.sum())))
+        return where
+
+    def taken(self, which: np.ndarray) -> Slices:
+        """Some of the slices, with their nodes in order."""
+        found = Slices()
+        found._slices = self._slices.taken(which)
+        order, first = found.order, found.first
+        begin = np.cumsum(order) - order
+        nodes = np.arange(int(order.sum())) + np.repeat(first - begin, order)
+        found._nodes = self._nodes.taken(nodes)
+        found._slices.arrays["first"] = begin
+        return found
+
+    def extend(self, other: Slices, panels: int) -> None:
+        """Take in the slices of others, whose panels follow so many."""
+        nodes = self._nodes.size
+        columns = {k: getattr(other, k) for k in other._slices.arrays}
+        columns["panel"], columns["first"] = other.panel + panels, other.first + nodes
+        self._slices.append(**columns)
+        self._nodes.append(**{k: getattr(other, k) for k in other._nodes.arrays})
+
+
+@dataclass
+class Profiles:
+    """One part of a model at many incidences.
+
+    Attributes
+    ----------
+    geometry, doubt, shift, inner : ndarray, shape (n, ...), (n,), (n,), (n,)
+        Of the rows: what the chart told, factors of bounds, relative errors that no rule has, and
+        how precisely the integrals were asked for.
+    row, code, box, order, series : ndarray, shape (m, ...)
+        Of the panels: their rows, what the chart needs to know, and Legendre coefficients.
+    blur, tail : ndarray, shape (m,)
+        Bounds on the error along the rings, and on what a series leaves out.
+    slices : Slices
+    """
+
+    geometry: np.ndarray
+    doubt: np.ndarray
+    shift: np.ndarray
+    inner: np.ndarray
+    row: np.ndarray
+    code: np.ndarray
+    box: np.ndarray
+    order: np.ndarray
+    series: np.ndarray
+    blur: np.ndarray
+    tail: np.ndarray
+    slices: Slices
+
+    @classmethod
+    def of(
+        cls, model: Model, part: Part, chart: RingsChart, cos_theta: np.ndarray, rtol: float
+    ) -> Profiles:
+        """Integrate around rings at some incidences, with panels that are slices as a whole."""
+        n = cos_theta.size
+        p = part.packed(np.tile(np.array(model.pack(), dtype=np.float64), (n, 1)))
+        integrand = ModelIntegrand(part.fill, p, np.full(n, part.scale))
+        done = refine(
+            *(chart, integrand, cos_theta, np.zeros(n), np.tile(part.widths, (n, 1)), True),
+            rtol=rtol,
+            atol=0.0,
+            limit=_LIMIT,
+        )
+        cells = done.cells
+        # What directions moved by an ulp change, as a share of what is sent on, and what the
+        # numbers of the part are worth.
+        moved = probe_cells(chart, integrand, done.geometry, cells, n, 1)
+        sent = np.maximum(np.bincount(cells.row, cells.value, n), 1e-300)
+        own = part.doubt(cos_theta) if callable(part.doubt) else part.doubt
+        shift = 4.0 * moved / sent + own
+        stack = _Stack.of(cells)
+        goal = _LEFT_OUT * rtol * sent
+        panels = _resolved(stack, chart, integrand, done.geometry, goal)
+        rows = done.geometry, done.doubt, shift, np.full(n, rtol)
+        named = dict(zip((*_OF_ROWS, *_OF_PANELS), (*rows, *panels), strict=True))
+        found = cls(**named, slices=Slices())
+        m = found.row.size
+        found._put(np.empty(0, int), np.arange(m), np.zeros(m), np.ones(m), found.order)
+        return found
+
+    def sums(
+        self, control: int, log_light: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Values of all rows, bounds on the errors of slices, and bounds of panels, as row sums.
+
+        Parameters
+        ----------
+        control : int
+            2 where the product is at least the larger cosine; see `divisor.CONTROLS`.
+        log_light : ndarray, shape (n,)
+            Log of n.l.
+        """
+        s = self.slices
+        _, weights, matrices = rules_by_order()
+        _sums(
+            *(s.panel, s.order, s.first, s.stale, s.density, s.log_height, s.log_product),
+            *(self.row, log_light, control == 2, weights, matrices, s.value, s.error, s.most),
+        )
+        n, row = self.geometry.shape[0], self.row[s.panel]
+        most = np.zeros(self.row.size)
+        np.maximum.at(most, s.panel, s.most)
+        # The series of a panel that is one slice is read at its own nodes.
+        cut = np.bincount(s.panel, minlength=self.row.size) > 1
+        own = (self.blur + np.where(cut, self.tail, 0.0)) * most
+        return (
+            np.bincount(row, s.value, n),
+            np.bincount(row, s.error, n) * self.doubt,
+            np.bincount(self.row, own, n) * self.doubt,
+        )
+
+    def multiply(self, curve: LogCurve, cos_theta: np.ndarray, literal: bool) -> None:
+        """Take one step more into the product."""
+        s = self.slices
+        light = np.empty((2, cos_theta.size))
+        light[0] = np.log(np.maximum(cos_theta, LOWEST))
+        light[1] = curve.at(folded(cos_theta))
+        _multiply(
+            *(self.row[s.panel], s.order, s.first, s.y, s.log_height, light, literal),
+            *(curve.edges, curve.bent, curve.coefficients, s.log_product),
+        )
+        s.stale[:] = True
+
+    def kinks(
+        self, curve: LogCurve, levels: np.ndarray, controlled: bool, least: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Slices, and places on their panels, where a kink hides more than `least` of a row.
+
+        A kink between the last node of a slice and its end is seen by no spectrum: what may hide
+        there is what the curve changes by on the shorter side.
+
+        Parameters
+        ----------
+        curve : LogCurve
+            What the last step divides by.
+        levels : ndarray, shape (n, k)
+            Coordinates of heights, NaN where there are fewer.
+        controlled : bool
+            The heights themselves are divided by, too.
+        least : ndarray, shape (n,)
+        """
+        s = self.slices
+        room = max(s.panel.size * levels.shape[1], 1)
+        which, place = np.empty(room, int), np.empty(room)
+        count = _find_kinks(
+            *(s.panel, s.start, s.end, s.value, self.row, self.code, self.box, self.geometry),
+            *(levels, least, controlled, curve.edges, curve.bent, curve.coefficients),
+            *(which, place),
+        )
+        return which[:count], place[:count]
+
+    def cut(self, which: np.ndarray, place: np.ndarray) -> np.ndarray:
+        """Cut slices at places on their panels; return the numbers of the new ones.
+
+        The products at their nodes are still to be computed.
+        """
+        s = self.slices
+        if which.size == 0:
+            return np.empty(0, int)
+        hit = np.unique(which)
+        owner = np.concatenate((hit, which, hit))
+        t = np.concatenate((s.start[hit], place, s.end[hit]))
+        rank = np.lexsort((t, owner))
+        owner, t = owner[rank], t[rank]
+        # Of places that are one the first stays, but for ends of slices.
+        ends = np.append(owner[1:] != owner[:-1], True)
+        starts = np.append(True, owner[1:] != owner[:-1])
+        near = np.append(False, (t[1:] - t[:-1] < _SAME) & ~starts[1:])
+        keep = starts | ends | ~near
+        before_end = np.append(ends[1:] & (t[1:] - t[:-1] < _SAME), False) & ~starts
+        keep &= ~before_end
+        owner, t = owner[keep], t[keep]
+        same = np.flatnonzero(owner[1:] == owner[:-1])
+        # The first part of every slice takes its place.
+        initial = np.append(True, owner[same][1:] != owner[same][:-1])
+        same = np.concatenate((same[initial], same[~initial]))
+        panel, start, end = s.panel[owner[same]], t[same], t[same + 1]
+        return self._put(hit, panel, start, end, _orders(self.order[panel], end - start))
+
+    def raised(self, hit: np.ndarray) -> np.ndarray:
+        """Give slices more nodes, or halve those that have as many as may be."""
+        s = self.slices
+        poor = hit[s.order[hit] >= 24]
+        rich = hit[s.order[hit] < 24]
+        middle = 0.5 * (s.start[poor] + s.end[poor])
+        panel = np.concatenate((s.panel[rich], s.panel[poor], s.panel[poor]))
+        start = np.concatenate((s.start[rich], s.start[poor], middle))
+        end = np.concatenate((s.end[rich], middle, s.end[poor]))
+        order = np.concatenate((_rungs(1.5 * s.order[rich]), np.full(2 * poor.size, 20)))
+        return self._put(np.concatenate((rich, poor)), panel, start, end, order)
+
+    def _put(self, gone: np.ndarray, *parts: np.ndarray) -> np.ndarray:
+        """Put new slices (panel, start, end, order) in the place of others; see `Slices.put`."""
+        s = self.slices
+        fresh = s.put(gone, *parts)
+        _lay_out(
+            *(fresh, s.panel, s.start, s.end, s.order, s.first),
+            *(self.row, self.code, self.box, self.order, self.series, self.geometry),
+            *(rules_by_order()[0], s.density, s.y, s.log_height),
+        )
+        return fresh
+
+    def rows(self, kept: np.ndarray) -> Profiles:
+        """Only some of the rows, which count from 0 again."""
+        number = np.full(self.geometry.shape[0], -1)
+        number[kept] = np.arange(kept.size)
+        found = self._panels(number[self.row] >= 0)
+        found.row = number[found.row]
+        for name in _OF_ROWS:
+            setattr(found, name, getattr(self, name)[kept])
+        return found
+
+    def extend(self, other: Profiles) -> None:
+        """Take in the rows of others, after the own ones."""
+        rows = np.arange(other.geometry.shape[0]) + self.geometry.shape[0]
+        for name in _OF_ROWS:
+            setattr(self, name, np.concatenate((getattr(self, name), getattr(other, name))))
+        self._take_in(other, rows)
+
+    def replaced(self, rows: np.ndarray, other: Profiles) -> Profiles:
+        """With others in the places of some rows."""
+        found = self._panels(~np.isin(self.row, rows))
+        for name in _OF_ROWS:
+            array = getattr(found, name).copy()
+            array[rows] = getattr(other, name)
+            setattr(found, name, array)
+        found._take_in(other, rows)
+        return found
+
+    def _panels(self, stays: np.ndarray) -> Profiles:
+        """Only some of the panels."""
+        slices = self.slices.taken(stays[self.slices.panel])
+        slices.panel[:] = (np.cumsum(stays) - 1)[slices.panel]
+        named = {k: getattr(self, k) for k in _OF_ROWS}
+        named |= {k: getattr(self, k)[stays] for k in _OF_PANELS}
+        return Profiles(**named, slices=slices)
+
+    def _take_in(self, other: Profiles, rows: np.ndarray) -> None:
+        """Add the panels and slices of others, whose rows are those."""
+        self.slices.extend(other.slices, self.row.size)
+        for name in _OF_PANELS:
+            more = rows[other.row] if name == "row" else getattr(other, name)
+            setattr(self, name, np.concatenate((getattr(self, name), more)))
+
+
+_OF_ROWS = ("geometry", "doubt", "shift", "inner")
+_OF_PANELS = ("row", "code", "box", "order", "series", "blur", "tail")
+_RUNGS = np.array(LADDER)
+
+
+def _rungs(wanted: np.ndarray) -> np.ndarray:
+    """The next orders on the ladder, the highest where there is none."""
+    return _RUNGS[np.minimum(np.searchsorted(_RUNGS, wanted), _RUNGS.size - 1)]
+
+
+def _orders(order: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Nodes for a share of a panel of some order."""
+    return _rungs(np.maximum(order * (0.4 + 0.6 * share), 10.0))
+
+
+@dataclass
+class _Stack:
+    """Cells with heights in common: intervals of heights, and the cells above each of them."""
+
+    row: np.ndarray
+    code: np.ndarray
+    box: np.ndarray
+    order: np.ndarray
+    blur: np.ndarray
+    interval: np.ndarray
+    cell_order: np.ndarray
+    cell_code: np.ndarray
+    cell_box: np.ndarray
+
+    @classmethod
+    def of(cls, cells: Cells) -> _Stack:
+        """Find the intervals: no end of a cell lies inside one."""
+        rank = np.lexsort((cells.box[:, 4], cells.code[:, 0], cells.row))
+        key = np.column_stack((cells.row, cells.code[:, 0], cells.box[:, 4]))[rank]
+        group = np.empty(rank.size, int)
+        group[rank] = np.cumsum(np.append(False, np.any(key[1:] != key[:-1], axis=1)))
+        # A group takes up [2 g, 2 g + 1] of one line.
+        line = np.unique(np.concatenate((2 * group + cells.box[:, 2], 2 * group + cells.box[:, 3])))
+        real = np.flatnonzero(line[1:] // 2 == line[:-1] // 2)
+        starts, ends = line[real], line[real + 1]
+        first = np.searchsorted(starts, 2 * group + cells.box[:, 2])
+        last = np.searchsorted(starts, 2 * group + cells.box[:, 3])
+        cell = np.repeat(np.arange(group.size), last - first)
+        begin = np.cumsum(last - first) - (last - first)
+        interval = np.arange(cell.size) - begin[cell] + first[cell]
+        # What all cells above an interval have in common, from one of them.
+        some = np.empty(starts.size, int)
+        some[interval] = cell
+        box = cells.box[some].copy()
+        base = 2.0 * (starts // 2)
+        box[:, 2], box[:, 3] = starts - base, ends - base
+        order = np.zeros(starts.size, int)
+        np.maximum.at(order, interval, cells.order[cell, 1])
+        blur = np.bincount(interval, cells.error[cell, 0], starts.size)
+        return cls(
+            *(cells.row[some], cells.code[some], box, order, blur, interval),
+            *(cells.order[cell, 0], cells.code[cell], cells.box[cell]),
+        )
+
+    def only(self, which: np.ndarray) -> _Stack:
+        """The intervals of a mask."""
+        number = np.cumsum(which) - 1
+        above = which[self.interval]
+        return _Stack(
+            *(self.row[which], self.code[which], self.box[which], self.order[which]),
+            *(self.blur[which], number[self.interval[above]], self.cell_order[above]),
+            *(self.cell_code[above], self.cell_box[above]),
+        )
+
+    def halved(self) -> _Stack:
+        """Every interval in two, with all cells above it."""
+        m = self.row.size
+        middle = 0.5 * (self.box[:, 2] + self.box[:, 3])
+        low, high = self.box.copy(), self.box.copy()
+        low[:, 3] = high[:, 2] = middle
+
+        def twice(a: np.ndarray) -> np.ndarray:
+            return np.concatenate((a, a))
+
+        return _Stack(
+            *(twice(self.row), twice(self.code), np.concatenate((low, high)), twice(self.order)),
+            *(twice(self.blur), np.concatenate((self.interval, self.interval + m))),
+            *(twice(self.cell_order), twice(self.cell_code), twice(self.cell_box)),
+        )
+
+    def measure(
+        self, chart: RingsChart, integrand: ModelIntegrand, geometry: np.ndarray
+    ) -> np.ndarray:
+        """Legendre coefficients of the integrals around rings, (m, 32)."""
+        along = np.zeros((self.row.size, _TOP))
+        orders = np.column_stack((self.cell_order, self.order[self.interval]))
+        key = orders[:, 0] * (_TOP + 1) + orders[:, 1]
+        rank = np.argsort(key, kind="stable")
+        edges = np.flatnonzero(np.diff(key[rank])) + 1
+        for start, stop in itertools.pairwise((0, *edges.tolist(), rank.size)):
+            p, q = orders[rank[start]].tolist()
+            step = max(1, _BLOCK // (p * q))
+            for first in range(start, stop, step):
+                block = rank[first : min(first + step, stop)]
+                here = self.interval[block]
+                row = self.row[here]
+                box = self.cell_box[block].copy()
+                box[:, 2:4] = self.box[here, 2:4]
+                wi, wo, h, weight = chart.nodes(
+                    *(geometry[row], self.cell_code[block], box, gauss(p).nodes, gauss(q).nodes)
+                )
+                f = integrand(row, wi, wo, h)
+                _ring_sums(f, weight, gauss(p).weights, q, here, along)
+        series = np.zeros_like(along)
+        for q in np.unique(self.order).tolist():
+            k = np.flatnonzero(self.order == q)
+            series[k, :q] = along[k, :q] @ gauss(q).to_coefficients
+        return series
+
+
+def _resolved(
+    stack: _Stack,
+    chart: RingsChart,
+    integrand: ModelIntegrand,
+    geometry: np.ndarray,
+    goal: np.ndarray,
+) -> tuple[np.ndarray, ...]:
+    """Series of all panels, with more nodes or on halves until little is left out."""
+    done: list[tuple[np.ndarray, ...]] = []
+    share = goal / np.maximum(np.bincount(stack.row, minlength=goal.size), 1)
+    for turn in range(_ROUNDS + 1):
+        series = stack.measure(chart, integrand, geometry)
+        size = np.abs(series).max(1)
+        tail = _tails(series, stack.order)
+        limit = np.maximum(share[stack.row], _NOISE * size)
+        poor = (tail > limit) & (turn < _ROUNDS)
+        good = ~poor
+        arrays = (stack.row, stack.code, stack.box, stack.order, series, stack.blur, tail)
+        done.append(tuple(a[good] for a in arrays))
+        if not poor.any():
+            break
+        with np.errstate(divide="ignore", invalid="ignore"):
+            fall = np.log(0.5 * limit / size) / np.log(tail / (_TAIL * size))
+        wanted = stack.order * np.where(np.isfinite(fall), np.maximum(fall, 1.0), 9.0) + 2.0
+        cut = poor & ((wanted > 1.3 * _TOP) | (stack.order >= _TOP))
+        more = poor & ~cut
+        raised, halves = stack.only(more), stack.only(cut).halved()
+        raised.order = _rungs(np.maximum(wanted[more], raised.order + 2))
+        halves.order = np.maximum(np.minimum(halves.order, 24), 16)
+        stack = _together(raised, halves)
+    return tuple(np.concatenate(columns) for columns in zip(*done, strict=True))
+
+
+def _together(first: _Stack, second: _Stack) -> _Stack:
+    names = _Stack.__dataclass_fields__
+    joined = _Stack(*(np.concatenate((getattr(first, k), getattr(second, k))) for k in names))
+    joined.interval[first.interval.size :] += first.row.size
+    return joined
+
+
+def _tails(series: np.ndarray, order: np.ndarray) -> np.ndarray:
+    """What series of some lengths leave out, at most."""
+    column = np.arange(series.shape[1])
+    last = (column >= (order - _WINDOW)[:, None]) & (column < order[:, None])
+    tails: np.ndarray = _TAIL * np.abs(np.where(last, series, 0.0)).max(1)
+    return tails
+
+
+@kernel
+def _ring_sums(f, weight, weights_u, q, place, along):
+    """Add integrals along u, at the nodes along v, to those of panels."""
+    p = weights_u.size
+    for k in range(place.size):
+        for j in range(q):
+            total = 0.0
+            for i in range(p):
+                total += f[k, i * q + j] * weight[k, i * q + j] * weights_u[i]
+            along[place[k], j] += total
+
+
+@kernel
+def _height(g, side, power, box, t):
+    """Elevation of V at a place of a panel."""
+    x, _ = clustered(box[2] + (box[3] - box[2]) * t, power)
+    return elevation(g, side, box[4] + (box[5] - box[4]) * x)[0]
+
+
+@kernel
+def _place(g, side, power, box, e_v):
+    """The place on a panel where V has an elevation."""
+    x = (stretched(g, side, e_v) - box[4]) / (box[5] - box[4])
+    x = min(max(x, 0.0), 1.0)
+    if power == 1:
+        x = math.sqrt(x)
+    elif power == 2:
+        x = 1.0 - math.sqrt(1.0 - x)
+    elif power == 3:
+        # x = sin(a)^2 has the place 1/2 + sin(2 a/3 - pi/6 ...): the root of 3 t^2 - 2 t^3 = x.
+        x = 0.5 - math.sin(math.asin(1.0 - 2.0 * x) / 3.0)
+    return (x - box[2]) / (box[3] - box[2])
+
+
+@kernel
+def _lay_out(
+    fresh,
+    panel,
+    start,
+    end,
+    order,
+    first,
+    row,
+    code,
+    box,
+    length,
+    series,
+    geometry,
+    nodes,
+    density,
+    y,
+    log_height,
+):
+    """Fill the nodes of slices: integrals around rings by Clenshaw's sum, and heights."""
+    for k in fresh:
+        i = panel[k]
+        g = geometry[row[i]]
+        size = end[k] - start[k]
+        for j in range(order[k]):
+            t = start[k] + size * nodes[order[k], j]
+            u = 2.0 * t - 1.0
+            last = before = 0.0
+            for m in range(length[i] - 1, 0, -1):
+                rise = (2.0 * m + 1.0) / (m + 1.0) * u * last - (m + 1.0) / (m + 2.0) * before
+                last, before = series[i, m] + rise, last
+            density[first[k] + j] = size * (series[i, 0] + u * last - 0.5 * before)
+            e_v = _height(g, code[i, 0], code[i, 3], box[i], t)
+            c = math.sin(e_v)
+            y[first[k] + j] = fold(c, math.cos(e_v))
+            log_height[first[k] + j] = math.log(max(c, LOWEST))
+
+
+@kernel
+def _sums(
+    panel,
+    order,
+    first,
+    stale,
+    density,
+    log_height,
+    log_product,
+    row,
+    log_light,
+    clamped,
+    weights,
+    matrices,
+    value,
+    error,
+    most,
+):
+    """Fill what slices are worth, where that is stale."""
+    spectrum, along = np.empty(32), np.empty(32)
+    for k in range(panel.size):
+        if not stale[k]:
+            continue
+        q = order[k]
+        most[k] = 0.0
+        for j in range(q):
+            product = log_product[first[k] + j]
+            if clamped:
+                product = max(product, log_height[first[k] + j], log_light[row[panel[k]]])
+            scale = math.exp(-product)
+            along[j] = density[first[k] + j] * scale
+            most[k] = max(most[k], scale)
+        error[k], _ = judge(along[:q], weights[q, :q], matrices[q, : q * q].reshape(q, q), spectrum)
+        value[k], stale[k] = spectrum[0], False
+
+
+@kernel
+def _multiply(
+    row, order, first, y, log_height, light, literal, edges, bent, coefficients, log_product
+):
+    """Add the log of what a step divides by at all nodes."""
+    pieces = coefficients.shape[0]
+    for k in range(row.size):
+        at_l = light[1, row[k]]
+        for j in range(first[k], first[k] + order[k]):
+            step = max(curve_at(y[j], edges, bent, coefficients, 0, pieces), at_l)
+            if literal:
+                step = max(step, log_height[j], light[0, row[k]])
+            log_product[j] += step
+
+
+@kernel
+def _find_kinks(
+    panel,
+    start,
+    end,
+    value,
+    row,
+    code,
+    box,
+    geometry,
+    levels,
+    least,
+    controlled,
+    edges,
+    bent,
+    coefficients,
+    which,
+    place,
+):
+    """Fill slices and places of kinks that hide enough; return how many there are."""
+    pieces, count = coefficients.shape[0], 0
+    # More than the whole curve cannot hide.
+    low, high = math.inf, -math.inf
+    for k in range(pieces):
+        size = 0.0
+        for j in range(1, coefficients.shape[1]):
+            size += abs(coefficients[k, j])
+        low, high = min(low, coefficients[k, 0] - size), max(high, coefficients[k, 0] + size)
+    reach = math.inf if controlled else high - low
+    change, e_end = np.empty(2), np.empty(2)
+    for k in range(panel.size):
+        i = panel[k]
+        r = row[i]
+        if value[k] * reach < least[r]:
+            continue
+        g, side, power = geometry[r], code[i, 0], code[i, 3]
+        e_end[0] = _height(g, side, power, box[i], start[k])
+        e_end[1] = _height(g, side, power, box[i], end[k])
+        # Coordinates grow with the height, and are compared without another function.
+        y_0 = fold(math.sin(e_end[0]), math.cos(e_end[0]))
+        y_1 = fold(math.sin(e_end[1]), math.cos(e_end[1]))
+        for m in range(levels.shape[1]):
+            level = levels[r, m]
+            # Not where there is no level.
+            if not (level - y_0) * (level - y_1) < 0.0:
+                continue
+            height, flat = unfold(level)
+            e_v = math.atan2(height, flat)
+            here = curve_at(level, edges, bent, coefficients, 0, pieces)
+            # Of the two sides of a maximum one may be constant: what changes is the other one.
+            for side_of in range(2):
+                change[side_of] = 0.0
+                for half in range(2):
+                    e = e_v + (0.5 + 0.5 * half) * (e_end[side_of] - e_v)
+                    c = math.sin(e)
+                    there = curve_at(fold(c, math.cos(e)), edges, bent, coefficients, 0, pieces)
+                    moved = abs(there - here)
+                    if controlled:
+                        moved += abs(math.log(max(c, LOWEST) / max(height, LOWEST)))
+                    change[side_of] = max(change[side_of], moved)
+            if value[k] * min(change[0], change[1]) > least[r]:
+                which[count] = k
+                place[count] = _place(g, side, power, box[i], e_v)
+                if start[k] < place[count] < end[k]:
+                    count += 1
+    return count

@@ -1,0 +1,120 @@
+"""Integrals around rings: read from series, cut without computing the model again."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import albedo
+from albedo.brdf import Model
+from albedo.operators.ladder import rings_of
+from albedo.operators.profiles import Profiles, _Store
+
+COSINES = np.array([1.0, 0.7, 0.3, 1e-2, 1e-5])
+MODELS = [
+    albedo.model("phong", n=20),
+    albedo.model("phong", n=1e6),
+    albedo.model("ward", m=0.1),
+    albedo.model("oren_nayar"),
+    albedo.model("cook_torrance", m=0.4),
+]
+models = pytest.mark.parametrize("model", MODELS, ids=lambda model: model.spec)
+
+
+def profiles_of(model: Model, rtol: float = 1e-11) -> Profiles:
+    (part,) = model.parts()
+    return Profiles.of(model, part, rings_of(part), COSINES, rtol)
+
+
+def total(profiles: Profiles) -> tuple[np.ndarray, np.ndarray]:
+    value, of_slices, of_panels = profiles.sums(0, np.log(COSINES))
+    return value, of_slices + of_panels + profiles.shift * value
+
+
+@models
+def test_rings_add_up_to_albedos(model: Model) -> None:
+    value, error = total(profiles_of(model))
+    known = albedo.directional_albedo(model, COSINES, rtol=1e-12)
+    assert np.all(np.abs(value - known.value) <= error + known.error)
+    # Half of what was asked for stays in the series, and about as much in the rings.
+    assert np.all(error <= 2e-11 * value)
+
+
+@models
+def test_cut_slices_keep_the_sum(model: Model, rng: np.random.Generator) -> None:
+    profiles = profiles_of(model)
+    before, error = total(profiles)
+    for _ in range(3):
+        s = profiles.slices
+        which = np.repeat(np.arange(s.panel.size), 2)
+        place = s.start[which] + rng.uniform(size=which.size) * (s.end - s.start)[which]
+        fresh = profiles.cut(which, place)
+        assert fresh.size >= which.size
+    s = profiles.slices
+    # Every panel is covered once.
+    widths = np.bincount(s.panel, s.end - s.start)
+    np.testing.assert_allclose(widths, 1.0, rtol=1e-12)
+    after, slack = total(profiles)
+    assert np.all(np.abs(after - before) <= error + slack)
+    # Slices get nodes for their share of a panel, which are raised only where it matters.
+    assert np.all(slack <= 1e-10 * after)
+
+
+@models
+def test_places_near_others_are_one(model: Model) -> None:
+    profiles = profiles_of(model)
+    s = profiles.slices
+    count = s.panel.size
+    profiles.cut(np.array([0, 0, 0, 0]), np.array([0.5, 0.5 + 1e-12, 1e-13, 1.0 - 1e-13]))
+    assert profiles.slices.panel.size == count + 1
+    assert profiles.slices.start.min() == 0.0
+    assert profiles.slices.end.max() == 1.0
+
+
+def test_a_level_is_found_where_its_height_is() -> None:
+    """Slices are cut at exactly the heights at which a divisor has kinks."""
+    profiles = profiles_of(albedo.model("ward", m=0.4))
+    pumped = albedo.pump(albedo.model("ward", m=0.4), 1)
+    (curve,) = pumped.albedos
+    levels = pumped.divisor.last_levels(COSINES)
+    profiles.multiply(curve, COSINES, False)
+    profiles.sums(0, np.log(COSINES))
+    which, place = profiles.kinks(curve, levels, False, np.zeros(COSINES.size))
+    fresh = profiles.cut(which, place)
+    s = profiles.slices
+    seen = 0
+    for k in fresh.tolist():
+        row = profiles.row[s.panel[k]]
+        nodes = s.y[s.first[k] : s.first[k] + s.order[k]]
+        for level in levels[row][np.isfinite(levels[row])]:
+            # No slice has nodes on both sides of a level.
+            assert np.all(nodes < level) or np.all(nodes > level)
+            seen += 1
+    assert seen > 4
+
+
+def test_rows_are_chosen_extended_and_replaced() -> None:
+    model = MODELS[0]
+    profiles, other = profiles_of(model), profiles_of(model, 1e-9)
+    known, _ = total(profiles)
+    some = profiles.rows(np.array([3, 1]))
+    value, _, _ = some.sums(0, np.log(COSINES[[3, 1]]))
+    np.testing.assert_allclose(value, known[[3, 1]], rtol=1e-15)
+    some.extend(profiles)
+    value, _, _ = some.sums(0, np.log(np.concatenate((COSINES[[3, 1]], COSINES))))
+    np.testing.assert_allclose(value, known[[3, 1, 0, 1, 2, 3, 4]], rtol=1e-15)
+    rows = np.array([2, 0])
+    mixed = other.replaced(rows, profiles.rows(rows))
+    value, _ = total(mixed)
+    np.testing.assert_allclose(value[rows], known[rows], rtol=1e-15)
+    assert np.all(mixed.inner[rows] == 1e-11)
+    assert np.all(mixed.inner[[1, 3, 4]] == 1e-9)
+
+
+def test_stores_grow() -> None:
+    store = _Store({"a": np.empty(0, int), "b": np.empty(0)}, 0)
+    for k in range(10):
+        store.append(a=np.full(k, k))
+    assert store.size == 45
+    assert store.arrays["a"][:45].sum() == sum(k * k for k in range(10))
+    assert np.all(store.arrays["b"][:45] == 0.0)
