@@ -9,7 +9,7 @@ readings: G as printed, and G = 1.
 Both sets are intervals of azimuth about the plane of incidence at every elevation of V. With
 c = n.l, z = n.v and an azimuth of V that is psi away from that of the mirror direction, G = 1 is
 cos(psi) >= (1 + c z - 2 (c + z) min(c, z))/(s_l s_v), s the sines. In that plane V lies between a
-third and three times the elevation of L. In the slopes (x, y) of H, with x along L, the same set is
+third and three times the elevation of L, where that is at most 30 degrees. In the slopes (x, y) of H, with x along L, the same set is
 x <= cot(theta) on one side of the circle x^2 + y^2 = x tan(theta), where n.v = n.l, and
 (3 + x tan(theta)) (1 + x^2 + y^2) <= 4 (1 + x tan(theta)) on the other.
 """
@@ -109,8 +109,8 @@ class Region:
         low, high, kinks = 0.0, 1.0, []
         if self.g_one:
             low = math.sin(e / 3.0)
-            # In the plane of incidence V ends at three times the elevation, or, for L above 45
-            # degrees, a third of its elevation above 30 degrees from N, on the side of L.
+            # In the plane of incidence V ends at three times the elevation of L; for L above 45
+            # degrees, where that would be past L, on the side of L at 30 degrees + e/3 to N.
             end = math.sin(3.0 * e) if e < 0.25 * math.pi else math.cos(math.pi / 6.0 + e / 3.0)
             if e < math.pi / 6.0:
                 high = end
@@ -168,10 +168,12 @@ def over_hemisphere(region: Region, m: float | None = None) -> tuple[float, floa
     Returns
     -------
     value, error : float
-        The integral, and what changed from rules of two thirds of the nodes.
+        The integral, and what changed from rules of two thirds of the nodes, with roundings: of
+        a cap the half width is a difference that is smaller by its square.
     """
     coarse, fine = (_product(region, m, nodes) for nodes in (48, 72))
-    return fine, abs(fine - coarse) + 100.0 * _EPS * abs(fine)
+    roundings = 100.0 + (0.0 if region.cap is None else 20.0 / region.cap**2)
+    return fine, abs(fine - coarse) + roundings * _EPS * abs(fine)
 
 
 def _product(region: Region, m: float | None, nodes: int) -> float:
@@ -252,15 +254,17 @@ def outline(region: Region, points: int = 160) -> tuple[np.ndarray, np.ndarray]:
     rise = np.sin(np.linspace(0.0, 0.5 * math.pi, points)) ** 2
     z = np.concatenate([a + (b - a) * rise for a, b in itertools.pairwise(region.edges())])
     psi = region.half_width(z)
-    # Where all azimuths belong, the two sides have met.
-    z, psi = z[psi < math.pi], psi[psi < math.pi]
-    if psi.size == 0:
+    part = psi < math.pi
+    if not part.any():
         ring = np.linspace(-math.pi, math.pi, 4 * points)
         return np.full(ring.shape, region.edges()[0]), ring
     turn = np.linspace(-1.0, 1.0, points)
+    # Where all azimuths belong, the two sides have met; elsewhere an arc closes the top.
+    top = turn if part.all() else turn[:0]
+    z, psi = z[part], psi[part]
     return (
-        np.concatenate((z, np.full(points, z[-1]), z[::-1], np.full(points, z[0]))),
-        np.concatenate((psi, -turn * psi[-1], -psi[::-1], turn * psi[0])),
+        np.concatenate((z, np.full(top.size, z[-1]), z[::-1], np.full(points, z[0]))),
+        np.concatenate((psi, -top * psi[-1], -psi[::-1], turn * psi[0])),
     )
 
 
