@@ -6,12 +6,13 @@ G of eq. 10, min(1, 2 NH NV/VH, 2 NH NL/VH), is one where V has its own conditio
 of V are computed here, with their solid angles; so are what they reflect, and the albedos for both
 readings: G as printed, and G = 1.
 
-Both sets are intervals of azimuth about the plane of incidence at every elevation of V. With
-c = n.l, z = n.v and an azimuth of V that is psi away from that of the mirror direction, G = 1 is
+Both sets are intervals of azimuth about the plane of incidence at every elevation of V. With c =
+n.l, z = n.v and an azimuth of V that is psi away from that of the mirror direction, G = 1 is
 cos(psi) >= (1 + c z - 2 (c + z) min(c, z))/(s_l s_v), s the sines. In that plane V lies between a
-third and three times the elevation of L, where that is at most 30 degrees. In the slopes (x, y) of H, with x along L, the same set is
-x <= cot(theta) on one side of the circle x^2 + y^2 = x tan(theta), where n.v = n.l, and
-(3 + x tan(theta)) (1 + x^2 + y^2) <= 4 (1 + x tan(theta)) on the other.
+third and three times the elevation of L, where that is at most 30 degrees. In the slopes (x, y)
+of H, with x along L, the same set is x <= cot(theta) on one side of the circle x^2 + y^2 = x
+tan(theta), where n.v = n.l, and (3 + x tan(theta)) (1 + x^2 + y^2) <= 4 (1 + x tan(theta)) on the
+other.
 """
 
 from __future__ import annotations
