@@ -434,3 +434,12 @@ def test_the_studies_of_the_project_run(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.output
     assert (tmp_path / "nns_fig1" / "by_angle_figure.png").is_file()
     assert (tmp_path / "nns_fig1" / "by_angle.csv").is_file()
+    # Of figure 2, what rests on G = 1 holds, and what rests on G as printed fails.
+    manifest = json.loads((tmp_path / "nns_fig2" / "manifest.json").read_text())
+    verdicts = {"G as printed": set(), "G = 1": set()}
+    for claim in manifest["claims"]:
+        (reading,) = (name for name in verdicts if claim["statement"].startswith(name))
+        verdicts[reading].add(claim["verdict"])
+    assert verdicts == {"G as printed": {"fails"}, "G = 1": {"holds"}}
+    manifest = json.loads((tmp_path / "nns_scaled_lobe" / "manifest.json").read_text())
+    assert {claim["verdict"] for claim in manifest["claims"]} == {"holds"}
