@@ -248,7 +248,7 @@ class Part:
     columns: tuple[int, int | None] = (0, None)
     scale: float = 1.0
     doubt: float | Callable[[np.ndarray | None], Any] = 0.0
-    routine: Routine | None = None
+    routine: Routine | tuple[Routine, ...] | None = None
 
     def packed(self, rows: np.ndarray) -> np.ndarray:
         """What the kernels of this part see of packed parameters (rows, k)."""

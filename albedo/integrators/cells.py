@@ -32,12 +32,12 @@ MOMENTS = 4
 _LONE, _HIDDEN = 0.99, 1e9
 
 # Types of `CompiledChart.layout`, and of `Part.fill`.
-_NODES_TYPES = (
+NODES_TYPES = (
     "void(f8[:,::1], i8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1],"
     " f8[:,::1], f8[:,:,::1], f8[:,:,::1], f8[:,::1])"
 )
 _FILL_TYPES = "void(f8[:,::1], f8[:,:,::1], f8[:,:,::1], f8[:,::1], f8[:,::1])"
-_lay_out, _fill = indirect(_NODES_TYPES), indirect(_FILL_TYPES)
+_lay_out, _fill = indirect(NODES_TYPES), indirect(_FILL_TYPES)
 
 
 class Chart(Protocol):
@@ -187,7 +187,7 @@ def evaluate(chart: Chart, integrand: Integrand, geometry: np.ndarray, cells: Ce
     if isinstance(integrand, ModelIntegrand) and integrand.compiled(chart):
         lay_out, numbers = chart.layout
         _sweep(
-            *(address(lay_out, _NODES_TYPES), numbers, geometry, code, box),
+            *(address(lay_out, NODES_TYPES), numbers, geometry, code, box),
             *(address(integrand.fill, _FILL_TYPES), integrand.p[row], integrand.scale[row]),
             *(order, rank, *rules_by_order(), _INNER_BLOCK, *cells.measured),
         )
@@ -382,4 +382,4 @@ def compile_cells(charts: Iterable[Chart]) -> None:
     # Last: by now the kernels that they share with the panels are on disk.
     for chart in charts:
         if isinstance(chart, CompiledChart):
-            address(chart.layout[0], _NODES_TYPES)
+            address(chart.layout[0], NODES_TYPES)

@@ -344,6 +344,11 @@ class Divisor:
             ),
         )
 
+    def between(self, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+        """The divisor for pairs of unit vectors (n, 3)."""
+        found: np.ndarray = np.exp(self.logs(wi[:, 2].copy(), wo[:, 2].copy()))
+        return found
+
     def logs(self, cos_light: np.ndarray, cos_view: np.ndarray) -> np.ndarray:
         """Log of the divisor for pairs of heights, two arrays of one shape (n,)."""
         c = np.asarray(cos_view, dtype=np.float64)

@@ -146,6 +146,14 @@ class Ladder:
         start = np.concatenate((far, (-2.0, -1.0), near))
         self._add([(a, b, 0) for a, b in itertools.pairwise(start.tolist())])
 
+    def albedos(self, steps: int) -> list[LogCurve]:
+        """What the first steps divide by."""
+        return self.curves[:steps]
+
+    def chart(self, part: Part, steps: int) -> RingsChart:
+        """The chart for a part after some steps."""
+        return rings_of(part, self.divisor(steps).levels)
+
     def _divisor(self) -> Divisor:
         return self.divisor(len(self.curves))
 

@@ -8,27 +8,37 @@ with a bound, its samples and tables are had as for any other.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from albedo.brdf import Kernel, Model, Parameter, Part
+from albedo.charts._compiled import CompiledChart
 from albedo.errors import InputError
-from albedo.operators.divisor import CONTROLS, LOWEST, Divisor, LogCurve
+from albedo.operators.divisor import CONTROLS, LOWEST
 from albedo.operators.ladder import Ladder, ladder, rings_of
+from albedo.operators.stages import Stages, stages
 
 _MOST_STEPS = 100
-# What the albedos that are divided by are worth: twenty of them leave 1e-8.
-_RTOL = 2e-10
+# What the albedos that are divided by are worth: twenty curves leave 1e-8. Tables of albedos that
+# are integrals of their own, and over azimuths too, take far longer.
+_OF_CURVES, _OF_TABLES, _OF_TURNED_TABLES = 2e-10, 1e-5, 1e-4
+
+
+class _Dividing(Protocol):
+    """What knows the product of the divisors of some steps."""
+
+    def divide(self, wi: np.ndarray, wo: np.ndarray, out: np.ndarray) -> None: ...
 
 
 @dataclass(frozen=True, eq=False)
 class _Divided:
-    """A kernel whose values are divided by what knows only the heights of both directions."""
+    """A kernel whose values are divided."""
 
     fill: Kernel
-    divisor: Divisor
+    divisor: _Dividing
 
     def __call__(
         self, wi: np.ndarray, wo: np.ndarray, h: np.ndarray, p: np.ndarray, out: np.ndarray
@@ -49,7 +59,7 @@ class Pumped(Model):
         How often.
     control : {None, "literal", "cumulative"}
         See `pump`.
-    rtol : float
+    rtol : float, optional
         What the albedos that the divisor reads were to be worth.
     """
 
@@ -58,9 +68,9 @@ class Pumped(Model):
     base: Model
     steps: int
     control: str | None
-    rtol: float
+    rtol: float | None
 
-    def __init__(self, base: Model, steps: int, control: str | None, rtol: float) -> None:
+    def __init__(self, base: Model, steps: int, control: str | None, rtol: float | None) -> None:
         super().__init__()
         values: dict[str, Any] = {
             "base": base,
@@ -114,23 +124,36 @@ class Pumped(Model):
         """A copy over a base with some parameters changed."""
         return Pumped(self.base.replace(**values), self.steps, self.control, self.rtol)
 
+    @cached_property
+    def _in_rings(self) -> bool:
+        """Whether all lobes lie about the mirror direction, and no azimuth is told from another."""
+        return self.base.isotropic and all(_is_ring(part) for part in self.base.parts())
+
     @property
-    def _ladder(self) -> Ladder:
+    def _steps(self) -> Ladder | Stages:
         """The albedos before every step, computed once for all models that read them."""
-        found = ladder(self.base, self.control, self.rtol)
+        if not self._in_rings:
+            usual = _OF_TABLES if self.base.isotropic else _OF_TURNED_TABLES
+            rtol = usual if self.rtol is None else self.rtol
+            return stages(self.base, self.control, rtol, _of_stage)
+        found = ladder(self.base, self.control, _OF_CURVES if self.rtol is None else self.rtol)
         while len(found.curves) < self.steps:
             found.step()
         return found
 
     @property
-    def albedos(self) -> tuple[LogCurve, ...]:
-        """The albedos a_0, ..., a_(k-1) that the steps divide by, with their errors."""
-        return tuple(self._ladder.curves[: self.steps])
+    def albedos(self) -> tuple[Any, ...]:
+        """The albedos a_0, ..., a_(k-1) that the steps divide by, with their errors.
+
+        `albedo.operators.divisor.LogCurve` where lobes lie about the mirror direction and the base
+        is isotropic, else `albedo.operators.maps.LogMap`.
+        """
+        return tuple(self._steps.albedos(self.steps))
 
     @property
-    def divisor(self) -> Divisor:
+    def divisor(self) -> Any:
         """What the values of the base are divided by."""
-        return self._ladder.divisor(self.steps)
+        return self._steps.divisor(self.steps)
 
     def pack(self) -> tuple[float, ...]:
         return self.base.pack()
@@ -139,13 +162,11 @@ class Pumped(Model):
         # Here, because a model is sampled without knowing of operators.
         from albedo.sampling.mixture import routines_of
 
-        divisor, error = self.divisor, self._ladder.doubt(self.steps)
+        steps = self._steps
+        divisor, error = steps.divisor(self.steps), self._error(steps)
         pumped = []
         for part in self.base.parts():
-            chart = rings_of(part, divisor.levels)
             own = part.doubt
-            # Lobes about the mirror direction have one routine.
-            (routine,) = routines_of(part)
 
             def doubt(cosines: np.ndarray | None, own: Any = own) -> Any:
                 inherited = own(cosines) if callable(own) else own
@@ -157,14 +178,18 @@ class Pumped(Model):
                 replace(
                     part,
                     fill=_Divided(part.fill, divisor),
-                    chart=chart,
+                    chart=steps.chart(part, self.steps),
                     loss=None,
                     loss_chart=None,
                     doubt=doubt,
-                    routine=routine,
+                    routine=routines_of(part),
                 )
             )
         return tuple(pumped)
+
+    def _error(self, steps: Ladder | Stages) -> float:
+        """What the divisor may err by."""
+        return steps.doubt(self.steps)
 
     def spikes(self, wi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         directions, weights = self.base.spikes(wi)
@@ -175,31 +200,60 @@ class Pumped(Model):
             return super().spike_errors(wi, weights)
         over = self._over(wi)
         own = self.base.spike_errors(wi, weights / over) * over
-        return own + self._ladder.doubt(self.steps) * weights
+        return own + self._error(self._steps) * weights
 
     def _over(self, wi: np.ndarray) -> np.ndarray:
         """1/g(L, R)."""
-        return np.exp(-self.divisor.logs(wi[:, 2], wi[:, 2]))
+        mirror = wi * np.array([-1.0, -1.0, 1.0])
+        found: np.ndarray = 1.0 / self.divisor.between(wi, mirror)
+        return found
+
+
+class _Stage(Pumped):
+    """A pumped model whose divisor is taken as exact: what it errs by is told elsewhere."""
+
+    def _error(self, steps: Ladder | Stages) -> float:
+        return 0.0
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Stage) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(("stage", self._key))
+
+
+def _of_stage(base: Model, steps: int, control: str | None, rtol: float) -> Model:
+    return _Stage(base, steps, control, rtol) if steps else base
+
+
+def _is_ring(part: Part) -> bool:
+    """Whether a part has a chart of rings."""
+    try:
+        rings_of(part)
+    except InputError:
+        return False
+    return True
 
 
 def pump(
-    model: Model, steps: int = 1, control: str | None = None, *, rtol: float = _RTOL
+    model: Model, steps: int = 1, control: str | None = None, *, rtol: float | None = None
 ) -> Pumped:
     """Pump a model up: divide it by a symmetric function of its albedo, again and again.
 
     Parameters
     ----------
     model : Model
-        Reciprocal and isotropic; it need not conserve energy.
+        Reciprocal; it need not conserve energy.
     steps : int
         How often, from 0 to 100.
     control : {None, "literal", "cumulative"}
         What each step divides by: max(a(L), a(V)) (NNS eq. 20); that or n.l or n.v, if they are
         larger (eq. 21); or the first, but the product of all divisors is at least
         max(n.l, n.v).
-    rtol : float
-        What the albedos that are divided by are to be worth. The error that they leave in the
-        result is part of its bound.
+    rtol : float, optional
+        What the albedos that are divided by are to be worth: 2e-10 by default; 1e-5 where lobes
+        lie elsewhere than about the mirror direction, and 1e-4 where albedos depend on the
+        azimuth. The error that they leave in the result is part of its bound.
 
     Returns
     -------
@@ -209,8 +263,8 @@ def pump(
     Raises
     ------
     InputError
-        For a model that is not symmetric, or not isotropic, or whose lobes do not lie about the
-        mirror direction, and for steps or controls out of range.
+        For a model that is not symmetric, or about which nothing is declared, and for steps or
+        controls out of range.
 
     Examples
     --------
@@ -223,15 +277,23 @@ def pump(
         raise InputError(f"pump needs a model, not {type(model).__name__}")
     if not model.reciprocal:
         raise InputError(f"{model.spec} is not symmetric in its directions; pumping-up needs that")
-    if not model.isotropic:
-        raise InputError(f"{model.spec} is anisotropic; pumping-up is for isotropic models")
     if not isinstance(steps, int) or isinstance(steps, bool) or not 0 <= steps <= _MOST_STEPS:
         raise InputError(f"steps = {steps!r} is out of range; it lies in [0, {_MOST_STEPS}]")
     if control not in CONTROLS:
         raise InputError(f"control = {control!r} is unknown; choose None, literal or cumulative")
-    if not 1e-12 <= rtol <= 1e-3:
+    if rtol is not None and not 1e-12 <= rtol <= 1e-3:
         raise InputError(f"rtol = {rtol!r} is out of range; it lies in [1e-12, 1e-3]")
+    if isinstance(model, Pumped) and not model._in_rings:
+        if model.control is None and control is None:
+            # Both divide by albedos alone: they are one operator of more steps.
+            worth = [value for value in (model.rtol, rtol) if value is not None]
+            return pump(model.base, model.steps + steps, rtol=min(worth, default=None))
+        raise InputError(f"{model.spec} can be pumped up again without control only")
     for kind in model.by_channel():
         for part in kind.parts():
-            rings_of(part)
+            if not isinstance(part.chart, CompiledChart):
+                raise InputError(
+                    f"{kind.spec} cannot be pumped up: nothing is declared of where its "
+                    f"{part.name} part lies"
+                )
     return Pumped(model, steps, control, rtol)

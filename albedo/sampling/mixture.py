@@ -124,7 +124,7 @@ def routines_of(part: Part) -> tuple[Routine, ...]:
     A lobe is drawn with a density that falls no faster than it does itself.
     """
     if part.routine is not None:
-        return (part.routine,)
+        return part.routine if isinstance(part.routine, tuple) else (part.routine,)
     chart, (wx, wy) = part.chart, part.widths
     if isinstance(chart, AxisChart):
         return (axis_power(chart.coefficients, min(part.widths) ** -2),)

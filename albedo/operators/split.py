@@ -1,0 +1,395 @@
+"""Any chart with its panels cut where a divisor has kinks.
+
+A kink of the divisor is a curve on the hemisphere that no chart knows. On every line of constant u
+of a panel it is a place in v: the lines are cut there, and a panel is cut in u wherever the number
+of places on its lines changes. What is left has the kinks along its edges, and is smooth.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from albedo._compile import address, indirect, kernel
+from albedo.charts._compiled import CompiledChart, clustered
+from albedo.integrators.cells import NODES_TYPES
+from albedo.operators.divisor import LOWEST
+from albedo.operators.maps import Maps, albedos_at, changes_at
+
+_lay_out = indirect(NODES_TYPES)
+
+# Lines are looked at in so many places, the first and the last of them so near to the ends.
+_LOOKS, _NEAR = 15, 1e-4
+# Lines of a panel, and bisections between two that differ.
+_LINES, _BISECTIONS = 13, 40
+# More kinks than this on one line are left to the integrator.
+_MOST = 12
+# They are found as precisely as float64 lets signs be told.
+_ROOT_STEPS, _CLOSE = 60, 1e-14
+_CLOSER = 8
+# A kink that changes less than this, relatively, is none.
+_WEAK = 1e-7
+
+
+@dataclass(frozen=True)
+class SplitChart:
+    """A chart with the kinks of a divisor as ends of panels.
+
+    Parameters
+    ----------
+    chart : CompiledChart
+        Whose panels are cut.
+    maps : Maps
+        The divisor.
+    """
+
+    chart: CompiledChart
+    maps: Maps
+
+    def panels(
+        self,
+        cos_theta: np.ndarray,
+        phi: np.ndarray,
+        widths: np.ndarray,
+        isotropic: bool,
+        coarse: bool = False,
+        fine: bool = False,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Panels of every row; see `albedo.charts.polar.PolarChart.panels`.
+
+        Codes have three more columns: the part of the lines, their number, and at which ends in u
+        nodes are clustered. Boxes have four more, the ends of what was cut; the first four are
+        shares of it.
+        """
+        chart: Any = self.chart
+        geometry, row, code, box = chart.panels(cos_theta, phi, widths, isotropic, coarse, fine)
+        room = 8 * row.size + 64
+        while True:
+            new = np.empty(room, int), np.empty((room, code.shape[1] + 3), int)
+            boxes = np.empty((room, box.shape[1] + 4))
+            count = _split(
+                *(self._base, geometry, row, code, box, coarse, *self.maps.known),
+                *(self.maps.code, self.maps.changes, *new, boxes),
+            )
+            if count >= 0:
+                return geometry, new[0][:count], new[1][:count], boxes[:count]
+            room *= 2
+
+    @property
+    def _base(self) -> tuple[int, np.ndarray]:
+        lay_out, numbers = self.chart.layout
+        return address(lay_out, NODES_TYPES), numbers
+
+    def nodes(
+        self,
+        geometry: np.ndarray,
+        code: np.ndarray,
+        box: np.ndarray,
+        u: np.ndarray,
+        v: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Directions and Jacobians; see `albedo.charts._compiled.CompiledChart.nodes`."""
+        m, count = box.shape[0], u.size * v.size
+        wo, h = np.empty((3, m, count)), np.empty((3, m, count))
+        found = np.empty((3, m)), wo, h, np.empty((m, count))
+        _nodes(
+            *(self._base, geometry, code, box, u, v, *self.maps.known),
+            *(self.maps.code, self.maps.changes, *found),
+        )
+        return found
+
+
+@kernel
+def _line(base, g, code, box, u, v, wi, wo, h, weight):
+    """Nodes along one line of a panel."""
+    _lay_out(base[0], (g, code, box, u, v, base[1], wi, wo, h, weight))
+
+
+@kernel
+def _signs(wi, wo, i, at_v, at_l, known, control, out):
+    """The functions that change their signs, for V at a node of a line."""
+    vz = max(wo[2, 0, i], LOWEST)
+    albedos_at(wo[0, 0, i], wo[1, 0, i], wo[2, 0, i], *known, at_v)
+    changes_at(at_l, at_v, max(wi[2, 0], LOWEST), vz, control, out)
+
+
+@kernel
+def _at(base, g, code, box, u, t, known, control, at_l, room, out):
+    """Fill the functions that change their signs at one place of a line."""
+    one, wi, wo, h, weight, at_v = room
+    one[0] = t
+    _line(base, g, code, box, u, one, wi, wo, h, weight)
+    _signs(wi, wo, 0, at_v, at_l, known, control, out)
+
+
+@kernel
+def _keep(places, count, x):
+    """Put a place among the others, which are in order; return their number."""
+    if count >= _MOST:
+        return count
+    k = count
+    while k > 0 and places[k - 1] > x:
+        places[k] = places[k - 1]
+        k -= 1
+    places[k] = x
+    return count + 1
+
+
+@kernel
+def _places(base, g, code, box, u, known, control, changes, at_l, places, ends):
+    """Fill places in (0, 1) of a line where signs change, in order; return how many, and which.
+
+    `ends` are filled with the least that the functions are away from 0 at both ends.
+    """
+    looks, wi = np.empty(_LOOKS), np.empty((3, 1))
+    views, sums, weights = np.empty((3, 1, _LOOKS)), np.empty((3, 1, _LOOKS)), np.empty((1, _LOOKS))
+    at_v, here, seen = np.empty(at_l.size), np.empty(changes), np.empty((changes, _LOOKS))
+    one = np.empty(1), wi, np.empty((3, 1, 1)), np.empty((3, 1, 1)), np.empty((1, 1)), at_v
+    for look in range(_LOOKS):
+        # Closer at both ends, where places come and go.
+        sine = math.sin(0.5 * math.pi * look / (_LOOKS - 1))
+        looks[look] = min(max(sine * sine, _NEAR), 1.0 - _NEAR)
+    _line(base, g, code, box, u, looks, wi, views, sums, weights)
+    for look in range(_LOOKS):
+        _signs(wi, views, look, at_v, at_l, known, control, here)
+        for j in range(changes):
+            seen[j, look] = here[j]
+    count, pattern = 0, 0
+    ends[0] = ends[1] = math.inf
+    for j in range(changes):
+        ends[0], ends[1] = min(ends[0], abs(seen[j, 0])), min(ends[1], abs(seen[j, _LOOKS - 1]))
+        mark = 1 << (4 * min(j, 14))
+        before = -1
+        for i in range(_LOOKS):
+            # What is weaker changes nothing that matters, however often.
+            if abs(seen[j, i]) < _WEAK:
+                continue
+            if before >= 0 and (seen[j, before] > 0.0) != (seen[j, i] > 0.0):
+                a, b, fa, fb = looks[before], looks[i], seen[j, before], seen[j, i]
+                x = _root(a, b, fa, fb, j, base, g, code, box, u, known, control, at_l, one, here)
+                count = _keep(places, count, x)
+                pattern += mark
+            before = i
+        for i in range(1, _LOOKS - 1):
+            a, b, fa, fb = looks[i - 1], looks[i], seen[j, i - 1], seen[j, i]
+            if (fa > 0.0) != (fb > 0.0):
+                continue
+            c, fc = looks[i + 1], seen[j, i + 1]
+            if (fc > 0.0) != (fb > 0.0) or abs(fb) > min(abs(fa), abs(fc)):
+                continue
+            # A function that comes close to 0 and turns may have two places between three looks.
+            for turn in range(_CLOSER):
+                left, right = (fb - fa) / (b - a), (fc - fb) / (c - b)
+                bent = (right - left) / (c - a)
+                x = 0.5 * (a + b) - 0.5 * left / bent
+                low = fa + (x - a) * (left + (x - b) * bent)
+                # The parabola is trusted from the second time on.
+                far = turn > 1 and low * fb > 0.5 * fb * fb
+                if not a < x < c or abs(x - b) < 1e-9 or far:
+                    break
+                _at(base, g, code, box, u, x, known, control, at_l, one, here)
+                fx = here[j]
+                if (fx > 0.0) != (fb > 0.0) and abs(fx) >= _WEAK:
+                    first = _root(
+                        *(a, x, fa, fx, j, base, g, code, box, u, known, control, at_l, one, here)
+                    )
+                    second = _root(
+                        *(x, c, fx, fc, j, base, g, code, box, u, known, control, at_l, one, here)
+                    )
+                    count = _keep(places, _keep(places, count, first), second)
+                    pattern += 2 * mark
+                    break
+                if x < b:
+                    if abs(fx) < abs(fb):
+                        b, fb, c, fc = x, fx, b, fb
+                    else:
+                        a, fa = x, fx
+                elif abs(fx) < abs(fb):
+                    a, fa, b, fb = b, fb, x, fx
+                else:
+                    c, fc = x, fx
+    return count, pattern
+
+
+@kernel
+def _root(a, b, fa, fb, j, base, g, code, box, u, known, control, at_l, one, here):
+    """The place between a and b where function j changes its sign."""
+    # Chandrupatla's method: inverse quadratic steps where they are safe, else bisection.
+    x_1, f_1, x_2, f_2 = a, fa, b, fb
+    x_3, f_3, share = a, fa, 0.5
+    best = 0.5 * (a + b)
+    for _ in range(_ROOT_STEPS):
+        x = x_1 + share * (x_2 - x_1)
+        _at(base, g, code, box, u, x, known, control, at_l, one, here)
+        fx = here[j]
+        if (fx > 0.0) == (f_1 > 0.0):
+            x_3, f_3 = x_1, f_1
+        else:
+            x_3, f_3, x_2, f_2 = x_2, f_2, x_1, f_1
+        x_1, f_1 = x, fx
+        best = x_1 if abs(f_1) < abs(f_2) else x_2
+        least = _CLOSE / max(abs(x_2 - x_1), 1e-300)
+        if least > 0.5 or fx == 0.0:
+            break
+        gap, rise = (x_1 - x_2) / (x_3 - x_2), (f_1 - f_2) / (f_3 - f_2)
+        share = 0.5
+        if rise * rise < gap and (1.0 - rise) * (1.0 - rise) < 1.0 - gap:
+            share = f_1 / (f_2 - f_1) * f_3 / (f_2 - f_3) + (x_3 - x_1) / (x_2 - x_1) * f_1 / (
+                f_3 - f_1
+            ) * f_2 / (f_3 - f_2)
+        share = min(max(share, least), 1.0 - least)
+    return best
+
+
+@kernel
+def _base_of(code, box, k, code_1, box_1):
+    """The panel that was cut, as its own chart knows it."""
+    for j in range(code_1.shape[1]):
+        code_1[0, j] = code[k, j]
+    width = box_1.shape[1]
+    for j in range(width):
+        box_1[0, j] = box[k, j] if j >= 4 else box[k, width + j]
+
+
+@kernel
+def _split(base, geometry, row, code, box, coarse, *rest):
+    """Fill row, code and box of what panels are cut into; return their number, or -1."""
+    known, (control, changes, new_row, new_code, new_box) = rest[:8], rest[8:]
+    steps = known[0].size
+    at_l, places, away = np.empty(steps), np.empty(_MOST), np.empty(2)
+    one, wi = np.empty(1), np.empty((3, 1))
+    wo, h, weight = np.empty((3, 1, 1)), np.empty((3, 1, 1)), np.empty((1, 1))
+    cuts, kinds, patterns = np.empty(64), np.empty(64, np.int64), np.empty(65, np.int64)
+    columns, width = code.shape[1], box.shape[1]
+    count = 0
+    for k in range(row.size):
+        g, code_1, box_1 = geometry[row[k] : row[k] + 1], code[k : k + 1], box[k : k + 1]
+        one[0] = 0.5
+        _line(base, g, code_1, box_1, one, one, wi, wo, h, weight)
+        albedos_at(wi[0, 0], wi[1, 0], wi[2, 0], *known, at_l)
+        m = 0
+        if coarse or changes == 0:
+            cuts[0], cuts[1], kinds[0], patterns[0], m = 0.0, 1.0, 0, 0, 1
+        else:
+            low, before = 0.0, 0
+            for line in range(_LINES):
+                high = min(max(line / (_LINES - 1), _NEAR), 1.0 - _NEAR)
+                one[0] = high
+                inside, pattern = _places(
+                    base, g, code_1, box_1, one, known, control, changes, at_l, places, away
+                )
+                if line == 0:
+                    cuts[0], kinds[0], before, m = 0.0, inside, pattern, 1
+                    patterns[0] = pattern
+                elif pattern != before and m < 60:
+                    a, b = low, high
+                    for _ in range(_BISECTIONS):
+                        one[0] = 0.5 * (a + b)
+                        _, other = _places(
+                            *(base, g, code_1, box_1, one, known, control, changes, at_l),
+                            *(places, away),
+                        )
+                        if other == before:
+                            a = one[0]
+                        else:
+                            b = one[0]
+                    cuts[m], kinds[m], before = 0.5 * (a + b), inside, pattern
+                    patterns[m] = pattern
+                    m += 1
+                low = high
+            cuts[m] = 1.0
+        for j in range(m):
+            parts = kinds[j] + 1
+            # Two places that nearly meet do so like a root.
+            ends = 1 if j > 0 and _meets(patterns[j], patterns[j - 1]) else 0
+            ends += 2 if j + 1 < m and _meets(patterns[j], patterns[j + 1]) else 0
+            if count + parts > new_row.size:
+                return -1
+            for part in range(parts):
+                new_row[count] = row[k]
+                for i in range(columns):
+                    new_code[count, i] = code[k, i]
+                new_code[count, columns], new_code[count, columns + 1] = part, parts
+                new_code[count, columns + 2] = ends
+                for i in range(width):
+                    new_box[count, i] = box[k, i]
+                for i in range(4):
+                    new_box[count, i] = i % 2
+                    new_box[count, width + i] = box[k, i]
+                size = box[k, 1] - box[k, 0]
+                new_box[count, width] = box[k, 0] + cuts[j] * size
+                new_box[count, width + 1] = box[k, 0] + cuts[j + 1] * size
+                count += 1
+    return count
+
+
+@kernel
+def _meets(pattern, other):
+    """Whether two places of one function, or more, are there on one side only."""
+    found = False
+    while pattern > 0 or other > 0:
+        found = found or abs((pattern & 15) - (other & 15)) > 1
+        pattern >>= 4
+        other >>= 4
+    return found
+
+
+@kernel
+def _nodes(base, geometry, code, box, u, v, *rest):
+    """Nodes of parts of lines; one row per panel."""
+    known, (control, changes, wi, wo, h, weight) = rest[:8], rest[8:]
+    columns, width, q = code.shape[1] - 3, box.shape[1] - 4, v.size
+    code_1, box_1 = np.empty((1, columns), np.int64), np.empty((1, width))
+    at_l, places, ends = np.empty(known[0].size), np.empty(_MOST + 1), np.empty(2)
+    one, along = np.empty(1), np.empty(q)
+    wi_1, wo_1, h_1 = np.empty((3, 1)), np.empty((3, 1, q)), np.empty((3, 1, q))
+    weight_1 = np.empty((1, q))
+    for k in range(box.shape[0]):
+        g = geometry[k : k + 1]
+        _base_of(code, box, k, code_1, box_1)
+        part, parts = code[k, columns], code[k, columns + 1]
+        for iu in range(u.size):
+            one[0], turn = clustered(
+                box[k, 0] + (box[k, 1] - box[k, 0]) * u[iu], code[k, columns + 2]
+            )
+            turn *= box[k, 1] - box[k, 0]
+            if iu == 0 and parts > 1:
+                along[:] = 0.5
+                _line(base, g, code_1, box_1, one, along, wi_1, wo_1, h_1, weight_1)
+                albedos_at(wi_1[0, 0], wi_1[1, 0], wi_1[2, 0], *known, at_l)
+            start, end = 0.0, 1.0
+            if parts > 1:
+                found, _ = _places(
+                    *(base, g, code_1, box_1, one, known, control, changes, at_l, places, ends),
+                )
+                # A place that left at an end is taken for that end.
+                while found > parts - 1:
+                    if places[0] < 1.0 - places[found - 1]:
+                        for i in range(found - 1):
+                            places[i] = places[i + 1]
+                    found -= 1
+                while found < parts - 1:
+                    if ends[0] < ends[1]:
+                        for i in range(found, 0, -1):
+                            places[i] = places[i - 1]
+                        places[0] = 0.0
+                    else:
+                        places[found] = 1.0
+                    found += 1
+                start = places[part - 1] if part > 0 else 0.0
+                end = places[part] if part < parts - 1 else 1.0
+            first, share = box[k, 2], box[k, 3] - box[k, 2]
+            for iv in range(q):
+                along[iv] = start + (end - start) * (first + share * v[iv])
+            _line(base, g, code_1, box_1, one, along, wi_1, wo_1, h_1, weight_1)
+            for i in range(3):
+                wi[i, k] = wi_1[i, 0]
+            for iv in range(q):
+                j = iu * q + iv
+                for i in range(3):
+                    wo[i, k, j] = wo_1[i, 0, iv]
+                    h[i, k, j] = h_1[i, 0, iv]
+                weight[k, j] = weight_1[0, iv] * (end - start) * share * turn
