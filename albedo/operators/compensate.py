@@ -25,16 +25,10 @@ from albedo._compile import kernel
 from albedo.brdf import Kernel, Model, Parameter, Part
 from albedo.charts.heights import LOWEST
 from albedo.errors import InputError
-from albedo.operators.couple import (
-    RTOL,
-    check_isotropic,
-    check_model,
-    check_rtol,
-    part_of_lost,
-    with_part,
-)
-from albedo.operators.heights import HeightTable, fill_rows, height_table
+from albedo.operators.couple import check_model, check_rtol, part_of_lost, with_part
+from albedo.operators.heights import HeightTable
 from albedo.operators.pump import pump
+from albedo.operators.surface import SurfaceTable, table_of
 
 METHODS = ("kulla_conty", "turquin", "pump")
 _EPS = float(np.finfo(np.float64).eps)
@@ -186,7 +180,7 @@ class _Turquin:
     """A kernel whose values are multiplied by 1 + F_0 (1 - E(n.v))/E(n.v)."""
 
     fill: Kernel
-    table: HeightTable
+    table: HeightTable | SurfaceTable
     f0: float
 
     def __call__(
@@ -195,8 +189,7 @@ class _Turquin:
         """Fill `out`; see `albedo.brdf.Part`."""
         self.fill(wi, wo, h, p, out)
         view = np.empty(out.shape)
-        flat = (np.ascontiguousarray(x).ravel() for x in wo)
-        fill_rows(*flat, self.table.edges, self.table.coefficients, view.reshape(-1))
+        self.table.fill(wo, view)
         _brighten(view, self.f0, out)
 
 
@@ -211,7 +204,7 @@ class Compensated(Model):
         How.
     slides : bool
         See `compensate`.
-    rtol : float
+    rtol : float, optional
         What the albedos are tabulated to.
     """
 
@@ -220,9 +213,9 @@ class Compensated(Model):
     base: Model
     method: str
     slides: bool
-    rtol: float
+    rtol: float | None
 
-    def __init__(self, base: Model, method: str, slides: bool, rtol: float) -> None:
+    def __init__(self, base: Model, method: str, slides: bool, rtol: float | None) -> None:
         super().__init__()
         symmetric = method == "kulla_conty"
         sources = {
@@ -288,14 +281,14 @@ class Compensated(Model):
     def parts(self) -> tuple[Part, ...]:
         alone = white(self.base)
         if self.method == "kulla_conty":
-            lost = height_table(alone.model, True, self.rtol).average
+            lost = table_of(alone.model, True, self.rtol).average
             share, error = multiple((alone.average, alone.error), lost, self.slides)
             more = part_of_lost(alone.model, share, error, self.rtol, "multiple")
             return with_part(self.base, more)
         # Here, because a model is sampled without knowing of operators.
         from albedo.sampling.mixture import routines_of
 
-        table = height_table(alone.model, False, self.rtol)
+        table = table_of(alone.model, False, self.rtol)
         worst, parts = float(table.relative()), []
         for part in self.base.parts():
             own = part.doubt
@@ -323,49 +316,47 @@ class Compensated(Model):
     def _over(self, wi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What Dirac parts are multiplied by, and its relative error."""
         alone = white(self.base)
-        table = height_table(alone.model, False, self.rtol)
+        table = table_of(alone.model, False, self.rtol)
         c = wi[:, 2]
-        factor = (1.0 - alone.f0) + alone.f0 / table(c)
+        factor = (1.0 - alone.f0) + alone.f0 / table.of(wi)
         return factor, np.where(c < LOWEST, table.relative(c), table.relative())
 
     def spikes(self, wi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         directions, weights = self.base.spikes(wi)
         if self.method == "kulla_conty" or not len(weights):
             return directions, weights
-        # Orders of a grating leave at heights of their own.
-        height = np.maximum(directions[..., 2], 0.0)
-        factor, _ = self._over(np.stack((0.0 * height, 0.0 * height, height), -1).reshape(-1, 3))
+        # Orders of a grating leave in directions of their own.
+        factor, _ = self._over(directions.reshape(-1, 3))
         return directions, weights * factor.reshape(weights.shape)
 
     def spike_errors(self, wi: np.ndarray, weights: np.ndarray) -> np.ndarray:
         if self.method == "kulla_conty" or not len(weights):
             return self.base.spike_errors(wi, weights)
         directions, own = self.base.spikes(wi)
-        height = np.maximum(directions[..., 2], 0.0)
-        light = np.stack((0.0 * height, 0.0 * height, height), -1).reshape(-1, 3)
-        factor, error = (x.reshape(weights.shape) for x in self._over(light))
+        factor, error = (x.reshape(weights.shape) for x in self._over(directions.reshape(-1, 3)))
         return self.base.spike_errors(wi, own) * factor + error * weights
 
 
 def compensate(
-    model: Model, method: str = "kulla_conty", *, slides: bool = False, rtol: float = RTOL
+    model: Model, method: str = "kulla_conty", *, slides: bool = False, rtol: float | None = None
 ) -> Model:
     """Give a model what it loses to multiple scattering between its facets.
 
     Parameters
     ----------
     model : Model
-        Isotropic: a lobe with or without a Fresnel factor. Without one E is its own albedo, and
-        F = 1.
+        A lobe with or without a Fresnel factor. Without one E is its own albedo, and F = 1. For
+        ``pump`` it is isotropic.
     method : {"kulla_conty", "turquin", "pump"}
         See this module. ``kulla_conty`` and ``pump`` keep the model reciprocal; ``turquin`` does
         not, because it reads the height of the viewer alone.
     slides : bool
         kulla_conty: F_ms with F_avg in place of F_avg^2, as printed in 2017. It is the same for
         F = 1.
-    rtol : float
-        What E and 1 - E are to be worth, relative to them as far as they are known so well. What
-        is left of the error is part of every bound.
+    rtol : float, optional
+        What E or 1 - E is to be worth, relative to it as far as it is known so well: 1e-10 by
+        default, 1e-6 for anisotropic models, and 1e-9 for ``pump``. What is left of the error is
+        part of every bound.
 
     Returns
     -------
@@ -376,8 +367,8 @@ def compensate(
     Raises
     ------
     InputError
-        For a model that is anisotropic, whose terms do not share one Fresnel factor, whose E
-        exceeds 1 (kulla_conty), or is 1 everywhere; for ``pump`` with a Fresnel factor.
+        For a model whose terms do not share one Fresnel factor, whose E exceeds 1, or is 1
+        everywhere (kulla_conty), or is not above 0 (turquin); for ``pump`` with a Fresnel factor.
 
     Examples
     --------
@@ -392,11 +383,10 @@ def compensate(
     if not isinstance(slides, bool):
         raise InputError(f"slides = {slides!r} is neither True nor False")
     check_rtol(rtol)
-    check_isotropic(base, "compensation")
     if method == "pump":
         if any(white(kind).f0 != 1.0 for kind in base.by_channel()):
             raise InputError(f"{base.spec} has a Fresnel factor; pumping-up compensates for F = 1")
-        return pump(base, 1, rtol=max(rtol, 1e-9))
+        return pump(base, 1, rtol=1e-9 if rtol is None else rtol)
     compensated = Compensated(base, method, slides, rtol)
     for kind in compensated.by_channel():
         kind.parts()

@@ -21,11 +21,9 @@ from albedo._compile import kernel
 from albedo.brdf import Color, Model, Parameter, Part
 from albedo.charts.heights import HeightsChart
 from albedo.errors import InputError
-from albedo.operators.heights import HeightTable, fill_rows, height_table
+from albedo.operators.heights import HeightTable
+from albedo.operators.surface import SurfaceTable, table_of
 from albedo.sampling.routines import COSINE
-
-RTOL = 1e-10
-"""What a table of an albedo is worth, relative to it, unless asked for otherwise."""
 
 
 @kernel
@@ -39,7 +37,7 @@ def _products(light, view, scale, out):
 class _Product:
     """A kernel: a number times what a table says for both directions."""
 
-    table: HeightTable
+    table: HeightTable | SurfaceTable
     scale: float
 
     def __call__(
@@ -47,26 +45,25 @@ class _Product:
     ) -> None:
         """Fill `out`; see `albedo.brdf.Part`."""
         light, view = np.empty(wi.shape[1]), np.empty(out.shape)
-        known = self.table.edges, self.table.coefficients
-        fill_rows(wi[0], wi[1], wi[2], *known, light)
-        fill_rows(*(np.ascontiguousarray(x).ravel() for x in wo), *known, view.reshape(-1))
+        self.table.fill(wi, light)
+        self.table.fill(wo, view)
         _products(light, view, self.scale, out)
 
 
 def part_of_lost(
-    model: Model, share: float, error: float, rtol: float, name: str = "diffuse"
+    model: Model, share: float, error: float, rtol: float | None, name: str = "diffuse"
 ) -> Part | None:
     """The part that sends on a share of the light that a model loses: share (1 - a(L)).
 
     Parameters
     ----------
     model : Model
-        Isotropic, with an albedo not above 1.
+        With an albedo not above 1.
     share : float
         Of what is lost, in [0, 1].
     error : float
         Its relative error.
-    rtol : float
+    rtol : float, optional
         What 1 - a is to be worth.
     name : str
         Of the part.
@@ -81,7 +78,7 @@ def part_of_lost(
     InputError
         Where the albedo exceeds 1, or is 1 everywhere, as well as that is known.
     """
-    table = height_table(model, True, rtol)
+    table = table_of(model, True, rtol)
     average, wide = table.average
     if average <= 2.0 * wide:
         raise InputError(
@@ -91,12 +88,12 @@ def part_of_lost(
     if share == 0.0:
         return None
     # What views are worth: on average for the albedo, and on the worst piece for other weights.
-    views = wide / average + max(wide / average, float(table.error.max()))
+    views = wide / average + max(wide / average, table.worst)
 
     def doubt(cosines: np.ndarray | None) -> Any:
         return table.relative(cosines) + views + error
 
-    chart = HeightsChart(edges=tuple(table.edges.tolist()))
+    chart = HeightsChart(edges=table.edges, turns=table.turns)
     fill = _Product(table, share / (math.pi * average))
     return Part(name, fill, chart, columns=(0, 0), doubt=doubt, routine=COSINE)
 
@@ -116,9 +113,9 @@ class Coupled(Model):
     title = "coupled to a diffuse part"
     diffuse_albedo = Color(1.0, "R_d: share that is reflected of what comes through", high=1.0)
     specular: Model
-    rtol: float
+    rtol: float | None
 
-    def __init__(self, specular: Model, diffuse_albedo: Any, rtol: float) -> None:
+    def __init__(self, specular: Model, diffuse_albedo: Any, rtol: float | None) -> None:
         super().__init__(diffuse_albedo=diffuse_albedo)
         said = {
             "specular": specular.spec,
@@ -238,19 +235,13 @@ def check_model(model: object, operator: str) -> Model:
     return model
 
 
-def check_isotropic(model: Model, what: str) -> None:
-    """Raise InputError for a model whose albedo depends on the azimuth."""
-    if not model.isotropic:
-        raise InputError(f"{model.spec} is anisotropic; {what} is for isotropic models")
-
-
-def check_rtol(rtol: float) -> None:
+def check_rtol(rtol: float | None) -> None:
     """Raise InputError for what no table can be worth."""
-    if not 1e-12 <= rtol <= 1e-3:
+    if rtol is not None and not 1e-12 <= rtol <= 1e-3:
         raise InputError(f"rtol = {rtol!r} is out of range; it lies in [1e-12, 1e-3]")
 
 
-def couple(specular: Model, diffuse_albedo: Any = 1.0, *, rtol: float = RTOL) -> Coupled:
+def couple(specular: Model, diffuse_albedo: Any = 1.0, *, rtol: float | None = None) -> Coupled:
     """Add a diffuse part to a model, for the light that the model does not reflect.
 
     f_d = R_d (1 - R(n.l)) (1 - R(n.v))/(pi (1 - R_avg)), R being the directional albedo of the
@@ -260,13 +251,13 @@ def couple(specular: Model, diffuse_albedo: Any = 1.0, *, rtol: float = RTOL) ->
     Parameters
     ----------
     specular : Model
-        Isotropic, with an albedo that is nowhere above 1. If it is not reciprocal, R is taken over
-        views for given lights: what is added is symmetric, and the whole is not.
+        With an albedo that is nowhere above 1. If it is not reciprocal, R is taken over views for
+        given lights: what is added is symmetric, and the whole is not.
     diffuse_albedo : float or tuple of float
         R_d in [0, 1]; a tuple has one for each channel.
-    rtol : float
-        What 1 - R is to be worth, relative to it as far as R is known so well. What is left of
-        the error is part of every bound.
+    rtol : float, optional
+        What 1 - R is to be worth, relative to it as far as R is known so well: 1e-10 by default,
+        and 1e-6 for anisotropic models. What is left of the error is part of every bound.
 
     Returns
     -------
@@ -276,8 +267,7 @@ def couple(specular: Model, diffuse_albedo: Any = 1.0, *, rtol: float = RTOL) ->
     Raises
     ------
     InputError
-        For a model whose albedo exceeds 1, or is 1 everywhere; for an anisotropic one; and for
-        numbers out of range.
+        For a model whose albedo exceeds 1, or is 1 everywhere, and for numbers out of range.
 
     Examples
     --------
@@ -287,7 +277,6 @@ def couple(specular: Model, diffuse_albedo: Any = 1.0, *, rtol: float = RTOL) ->
     0.53766441(2) [bound]
     """
     model = check_model(specular, "couple")
-    check_isotropic(model, "coupling")
     check_rtol(rtol)
     coupled = Coupled(model, diffuse_albedo, rtol)
     for kind in coupled.by_channel():

@@ -16,7 +16,6 @@ import itertools
 import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -29,21 +28,21 @@ from albedo.quadrature import albedo_rows
 
 _ORDER = 16
 # Between its nodes, where the fresh points stand, an interpolant errs most; in between not by more.
-_TRUST = 8.0
+TRUST = 8.0
 # What errors at the nodes may come to between them: the Lebesgue constant of 16 Chebyshev nodes.
-_LEBESGUE = 2.8
+LEBESGUE = 2.8
 # Pieces in the logarithm begin with this many e-folds; in angles they are not cut below an arc
 # whose cosines float64 can tell apart.
-_FOLDS, _SHORTEST = 4.0, 1e-5
+FOLDS, SHORTEST = 4.0, 1e-5
 _MOST = 1024
 # What is smaller than this share of the average, or of the largest value of a piece, may have a
 # larger relative error: no albedo would show it.
-_DEEP = 1e-6
+DEEP = 1e-6
 # Evaluations of one albedo: towards grazing incidence rounding is what remains, and more of them
 # do not help.
 _LIMIT = 60_000
 # Errors of the albedos may take this share of the bound that is asked for.
-_NOISE = 1.0 / 40.0
+NOISE = 1.0 / 40.0
 # The error asked of an albedo that is subtracted from 1.
 _SUBTRACTED = 1e-13
 _TINY = 1e-300
@@ -80,7 +79,7 @@ def _table_all(y, edges, coefficients, out):
 
 
 @kernel
-def fill_rows(x, y, z, edges, coefficients, out):
+def _fill_rows(x, y, z, edges, coefficients, out):
     """Fill values of a table for unit vectors, three flat arrays."""
     for i in range(z.size):
         out[i] = table_at(fold(z[i], math.hypot(x[i], y[i])), edges, coefficients)
@@ -92,7 +91,7 @@ class HeightTable:
 
     Attributes
     ----------
-    edges : ndarray, shape (m + 1,)
+    ends : ndarray, shape (m + 1,)
         Ends of the pieces in y, ascending.
     coefficients : ndarray, shape (m, 16)
         Chebyshev coefficients on every piece.
@@ -104,12 +103,38 @@ class HeightTable:
         Of the model, to make the table.
     """
 
-    edges: np.ndarray
+    ends: np.ndarray
     coefficients: np.ndarray
     error: np.ndarray
     floor: np.ndarray
     below: float
     evaluations: int
+
+    def fill(self, v: np.ndarray, out: np.ndarray) -> None:
+        """Fill values for unit vectors (3, ...)."""
+        x, y, z = (np.ascontiguousarray(component).ravel() for component in v)
+        _fill_rows(x, y, z, self.ends, self.coefficients, out.reshape(-1))
+
+    def of(self, wi: np.ndarray) -> np.ndarray:
+        """Values for unit vectors (n, 3)."""
+        out = np.empty(len(wi))
+        self.fill(wi.T, out)
+        return out
+
+    @property
+    def worst(self) -> float:
+        """The largest of the relative errors, where values are above the floor."""
+        return float(self.error.max())
+
+    @property
+    def edges(self) -> tuple[float, ...]:
+        """Ends of the pieces in y."""
+        return tuple(self.ends.tolist())
+
+    @property
+    def turns(self) -> tuple[float, ...]:
+        """No azimuth is told from another."""
+        return 0.0, 2.0 * math.pi
 
     def __call__(self, cos_theta: np.ndarray) -> np.ndarray:
         """Values at cosines of any shape."""
@@ -119,14 +144,14 @@ class HeightTable:
         """Values at coordinates y of any shape."""
         y = np.ascontiguousarray(y, dtype=np.float64)
         out = np.empty(y.size)
-        _table_all(y.ravel(), self.edges, self.coefficients, out)
+        _table_all(y.ravel(), self.ends, self.coefficients, out)
         return out.reshape(y.shape)
 
     def bound(self, cos_theta: np.ndarray) -> np.ndarray:
         """Bounds on the errors of the values at cosines."""
         c = np.asarray(cos_theta, dtype=np.float64)
         y = folded(c)
-        piece = np.clip(np.searchsorted(self.edges, y, side="right") - 1, 0, self.error.size - 1)
+        piece = np.clip(np.searchsorted(self.ends, y, side="right") - 1, 0, self.error.size - 1)
         known = self.error[piece] * np.maximum(self.at(y), self.floor[piece])
         return known + np.where(c < LOWEST, self.below, 0.0)
 
@@ -136,7 +161,7 @@ class HeightTable:
         The worst is that of all heights above `LOWEST`.
         """
         if cos_theta is None:
-            y = self.edges[:-1, None] + np.diff(self.edges)[:, None] * np.linspace(0.0, 1.0, 33)
+            y = self.ends[:-1, None] + np.diff(self.ends)[:, None] * np.linspace(0.0, 1.0, 33)
             least = self.at(y).min(1)
             return (self.error * np.maximum(1.0, self.floor / least)).max()
         return self.bound(cos_theta) / self(cos_theta)
@@ -144,40 +169,80 @@ class HeightTable:
     @cached_property
     def average(self) -> tuple[float, float]:
         r"""2 \int value mu dmu over all heights, and a bound on its error."""
-        low, size = self.edges[:-1, None], np.diff(self.edges)[:, None]
+        low, size = self.ends[:-1, None], np.diff(self.ends)[:, None]
         y = low + 0.5 * size * (_RULE[0] + 1.0)
         pieces = (0.5 * size * _RULE[1] * area(y) * self.at(y)).sum(1)
-        c = unfolded(self.edges)
+        c = unfolded(self.ends)
         share = np.diff(c * c)
         error = float((self.error * (pieces + self.floor * share)).sum())
         # Below, no more light arrives than LOWEST^2.
-        left = LOWEST**2 * min(self.below + float(self.at(self.edges[:1])[0]), 1.0)
+        left = LOWEST**2 * min(self.below + float(self.at(self.ends[:1])[0]), 1.0)
         total = float(pieces.sum())
         return total, error + left + 64.0 * _EPS * total
 
 
-def _albedos(
-    model: Model, c: np.ndarray, lost: bool, rtol: float, typical: float = 0.0
+def albedos(
+    model: Model,
+    c: np.ndarray,
+    lost: bool,
+    rtol: float,
+    typical: float = 0.0,
+    phi: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """Values and errors of the albedo, or of what it leaves, at flat cosines."""
+    """Values and errors of the albedo, or of what it leaves, at flat cosines and azimuths.
+
+    `rtol` is that of a table, and `typical` what is lost on average.
+    """
     parts = model.parts()
-    options: dict[str, Any] = {"rtol": max(0.1 * rtol, 1e-13), "atol": 0.1 * rtol * _DEEP * typical}
-    if lost and not (len(parts) == 1 and parts[0].loss is not None):
-        # What is subtracted need not be better than what its numbers are worth.
-        doubts = [float(p.doubt(None) if callable(p.doubt) else p.doubt) for p in parts]
-        worst = max((d for d in doubts if d < 1e-3), default=0.0)
-        options = {"rtol": 0.0, "atol": max(_SUBTRACTED, 0.1 * worst)}
-    limit = None if model.resolved_width is not None else _LIMIT
+    direct = lost and len(parts) == 1 and parts[0].loss is not None
+    doubts = [float(p.doubt(None) if callable(p.doubt) else p.doubt) for p in parts]
+    # What is asked for need not be better than what the numbers of the model are worth.
+    worst = max((d for d in doubts if d < 1e-3), default=0.0)
+    turn = np.zeros(c.size) if phi is None else phi
+    relative, absolute = max(0.1 * rtol, 1e-13), 0.1 * rtol * DEEP * typical
+    if lost and not direct:
+        least = _SUBTRACTED
+        if phi is not None:
+            # Over azimuths as well, there are too many to have each as well as can be.
+            least = max(least, 0.02 * rtol * typical)
+        if rtol > 1e-3:
+            least = 1e-6 * rtol
+        relative, absolute = 0.0, max(least, 0.1 * worst)
+    value, error, used = _found(model, c, turn, lost, relative, absolute)
+    for loose in (1e2, 1e4):
+        # An interval that the evaluations did not suffice for is wider than one that is asked for.
+        goal = np.maximum(absolute, (relative + 3.0 * worst) * np.abs(value))
+        poor = np.flatnonzero(~(error <= loose * goal))
+        if poor.size:
+            again, wide, more = _found(
+                model, c[poor], turn[poor], lost, min(loose * relative, 0.1), loose * absolute
+            )
+            better = ~(error[poor] <= wide)
+            value[poor[better]], error[poor[better]] = again[better], wide[better]
+            used += more
+    poor = np.flatnonzero(~np.isfinite(value))
+    if lost and poor.size:
+        again, wide, more = _found(model, c[poor], turn[poor], False, 1e-10, 0.0)
+        value[poor], error[poor] = 1.0 - again, wide + _EPS
+        used += more
+    return value, error, used
+
+
+def _found(
+    model: Model, c: np.ndarray, phi: np.ndarray, lost: bool, rtol: float, atol: float
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """Values and errors of rows, and the evaluations that they took."""
     found = albedo_rows(
-        *([model] * c.size, c, np.zeros(c.size)),
+        *([model] * c.size, c, phi),
+        rtol=rtol,
+        atol=atol,
         complement=lost,
-        max_evaluations=limit,
-        **options,
+        max_evaluations=None if model.resolved_width is not None else _LIMIT,
     )
-    return found.value, found.error, int(found.evaluations.sum())
+    return found.value.copy(), found.error.copy(), int(found.evaluations.sum())
 
 
-def _refuse(model: Model, c: np.ndarray, value: np.ndarray, error: np.ndarray, lost: bool) -> None:
+def refuse(model: Model, c: np.ndarray, value: np.ndarray, error: np.ndarray, lost: bool) -> None:
     """Raise where a table would have no sense."""
     bad = ~(np.isfinite(value) & np.isfinite(error))
     if bad.any():
@@ -193,6 +258,15 @@ def _refuse(model: Model, c: np.ndarray, value: np.ndarray, error: np.ndarray, l
                 "lost there that could be sent on"
             )
         raise InputError(f"the albedo of {model.spec} is not above 0 {where}")
+
+
+def refuse_unlimited(model: Model) -> None:
+    """Raise for an albedo that grows without limit."""
+    if not model.grazing_limit:
+        raise InputError(
+            f"the albedo of {model.spec} exceeds 1, and grows without limit, towards grazing "
+            "incidence; nothing is lost there that could be sent on"
+        )
 
 
 @lru_cache(maxsize=512)
@@ -219,12 +293,9 @@ def height_table(model: Model, lost: bool = False, rtol: float = 1e-10) -> Heigh
     InputError
         For an albedo above 1, or not above 0.
     """
-    if lost and not model.grazing_limit:
-        raise InputError(
-            f"the albedo of {model.spec} exceeds 1, and grows without limit, towards grazing "
-            "incidence; nothing is lost there that could be sent on"
-        )
-    start = np.linspace(FIRST, 0.0, 1 + math.ceil(-FIRST / _FOLDS)).tolist()
+    if lost:
+        refuse_unlimited(model)
+    start = np.linspace(FIRST, 0.0, 1 + math.ceil(-FIRST / FOLDS)).tolist()
     active = list(itertools.pairwise([*start, LAST]))
     pieces: list[tuple[float, float, np.ndarray, float, float]] = []
     # An albedo itself is had to any share of it, where what is left of 1 is not.
@@ -235,9 +306,9 @@ def height_table(model: Model, lost: bool = False, rtol: float = 1e-10) -> Heigh
         y = low + 0.5 * (np.concatenate((_NODES, _FRESH)) + 1.0) * size
         y[:, _ORDER], y[:, -1] = ends[:, 0], ends[:, 1]
         c = np.clip(unfolded(y), LOWEST, 1.0)
-        value, error, count = _albedos(model, c.ravel(), lost, rtol, typical)
+        value, error, count = albedos(model, c.ravel(), lost, rtol, typical)
         used += count
-        _refuse(model, c.ravel(), value, error, lost)
+        refuse(model, c.ravel(), value, error, lost)
         value, error = value.reshape(c.shape), error.reshape(c.shape)
         # Cosines are rounded: near 1 they stand for another angle.
         basis = chebyshev.chebvander(2.0 * (folded(c) - low) / size - 1.0, _ORDER - 1)
@@ -245,13 +316,13 @@ def height_table(model: Model, lost: bool = False, rtol: float = 1e-10) -> Heigh
         modulus = np.abs(value)
         # Errors that are a share of each value are in the bound that is relative.
         above = np.maximum(error - 0.15 * rtol * modulus, 0.0).max(1)
-        floor = np.maximum(_DEEP * np.maximum(modulus.max(1), typical), above / (_NOISE * rtol))
+        floor = np.maximum(DEEP * np.maximum(modulus.max(1), typical), above / (NOISE * rtol))
         floor = np.maximum(floor, _TINY)
         unit = np.maximum(modulus, floor[:, None])
         missed = (np.abs((basis @ coefficients)[:, :, 0] - value) / unit).max(1)
         own = (error / unit).max(1)
-        bound = _TRUST * missed + _LEBESGUE * own + 64.0 * _EPS * (modulus / unit).max(1)
-        done = (bound <= rtol) | (size[:, 0] < _SHORTEST)
+        bound = TRUST * missed + LEBESGUE * own + 64.0 * _EPS * (modulus / unit).max(1)
+        done = (bound <= rtol) | (size[:, 0] < SHORTEST)
         if len(pieces) + 2 * len(active) > _MOST:
             done[:] = True
         pieces += [
@@ -269,7 +340,7 @@ def height_table(model: Model, lost: bool = False, rtol: float = 1e-10) -> Heigh
         np.array([piece[2] for piece in pieces]),
         np.array([piece[3] for piece in pieces]),
         np.array([piece[4] for piece in pieces]),
-        _below(model, lost, rtol),
+        below_lowest(model, lost, rtol),
         used,
     )
 
@@ -280,13 +351,14 @@ def _typical(model: Model) -> tuple[float, int]:
     x, w = np.polynomial.legendre.leggauss(6)
     y = ends[:-1, None] + 0.5 * np.diff(ends)[:, None] * (x + 1.0)
     weight = 0.5 * np.diff(ends)[:, None] * w * area(y)
-    value, _, used = _albedos(model, unfolded(y).ravel(), True, 1e-2)
+    value, _, used = albedos(model, unfolded(y).ravel(), True, 1e-2)
     return max(float(weight.ravel() @ value), 0.0), used
 
 
-def _below(model: Model, lost: bool, rtol: float) -> float:
+def below_lowest(model: Model, lost: bool, rtol: float, phi: float = 0.0) -> float:
     """How far the values below `LOWEST` may lie from the one there."""
     if not model.grazing_limit:
         return math.inf
-    value, error, _ = _albedos(model, np.array([LOWEST, 0.0]), lost, rtol)
+    places = np.array([LOWEST, 0.0])
+    value, error, _ = albedos(model, places, lost, rtol, phi=np.full(2, phi))
     return float(abs(value[0] - value[1]) + error.sum())

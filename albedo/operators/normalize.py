@@ -13,7 +13,8 @@ import numpy as np
 from albedo.brdf import Kernel, Model, Parameter, Part
 from albedo.errors import InputError
 from albedo.operators.curve import AlbedoCurve, albedo_curve
-from albedo.operators.heights import HeightTable, fill_rows, height_table
+from albedo.operators.heights import HeightTable
+from albedo.operators.surface import TURNED, SurfaceTable, surface_table, table_of
 from albedo.quadrature import albedo_rows
 
 # The largest value is first sought with this error, then tabulated in a neighbourhood.
@@ -105,7 +106,7 @@ def _surroundings(curve: AlbedoCurve, place: float, top: float) -> tuple[float, 
 AT = ("normal", "max", "each_incidence")
 """Where the albedo is taken that `normalize` divides by."""
 
-# What the albedo that is divided by is to be worth.
+# What the albedo that is divided by is to be worth, where there are no azimuths.
 _RTOL = 1e-12
 _EPS = float(np.finfo(np.float64).eps)
 
@@ -115,7 +116,7 @@ class _OverLight:
     """A kernel that divides another one by what a table says for the light's height."""
 
     fill: Kernel
-    table: HeightTable
+    table: HeightTable | SurfaceTable
 
     def __call__(
         self, wi: np.ndarray, wo: np.ndarray, h: np.ndarray, p: np.ndarray, out: np.ndarray
@@ -123,8 +124,7 @@ class _OverLight:
         """Fill `out`; see `albedo.brdf.Part`."""
         self.fill(wi, wo, h, p, out)
         light = np.empty(wi.shape[1])
-        flat = (np.ascontiguousarray(x) for x in wi)
-        fill_rows(*flat, self.table.edges, self.table.coefficients, light)
+        self.table.fill(wi, light)
         out /= light[:, None]
 
 
@@ -156,18 +156,22 @@ class Normalized(Model):
         What was divided.
     at : {"normal", "max", "each_incidence"}
         By the albedo in which directions.
+    rtol : float, optional
+        What a table of albedos is to be worth.
     """
 
     name = "normalize"
     title = "divided by its albedo"
     base: Model
     at: str
+    rtol: float | None
 
-    def __init__(self, base: Model, at: str) -> None:
+    def __init__(self, base: Model, at: str, rtol: float | None = None) -> None:
         super().__init__()
         values: dict[str, Any] = {
             "base": base,
             "at": at,
+            "rtol": rtol,
             "parameters": MappingProxyType({"base": base.spec, **base.parameters, "at": at}),
             "reciprocal": base.reciprocal and at != "each_incidence",
             # Elsewhere an albedo may exceed that at normal incidence.
@@ -185,10 +189,14 @@ class Normalized(Model):
         return self.base.parameter_info()
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Normalized) and (self.base, self.at) == (other.base, other.at)
+        return isinstance(other, Normalized) and self._key == other._key
 
     def __hash__(self) -> int:
-        return hash((self.base, self.at))
+        return hash(self._key)
+
+    @property
+    def _key(self) -> tuple[Any, ...]:
+        return self.base, self.at, self.rtol
 
     @property
     def spec(self) -> str:
@@ -203,11 +211,11 @@ class Normalized(Model):
         return self.base.channels
 
     def channel(self, index: int) -> Model:
-        return Normalized(self.base.channel(index), self.at)
+        return Normalized(self.base.channel(index), self.at, self.rtol)
 
     def replace(self, **values: Any) -> Model:
         """A copy over a base with some parameters changed."""
-        return Normalized(self.base.replace(**values), self.at)
+        return Normalized(self.base.replace(**values), self.at, self.rtol)
 
     def pack(self) -> tuple[float, ...]:
         return self.base.pack()
@@ -217,14 +225,17 @@ class Normalized(Model):
         """The one albedo that is divided by, and its relative error."""
         if self.at == "normal":
             return normal_albedo(self.base)
-        value, error = largest_albedo(self.base)
+        if self.base.isotropic:
+            value, error = largest_albedo(self.base)
+        else:
+            value, error = surface_table(self.base, False, self.rtol or TURNED).maximum()
         if not value > 0.0 or not math.isfinite(error):
             raise InputError(f"{self.base.spec} reflects nothing; there is nothing to divide by")
         return value, error
 
     @property
-    def _table(self) -> HeightTable:
-        return height_table(self.base, False, _RTOL)
+    def _table(self) -> HeightTable | SurfaceTable:
+        return table_of(self.base, False, self.rtol or (_RTOL if self.base.isotropic else TURNED))
 
     def parts(self) -> tuple[Part, ...]:
         return tuple(self._divided(part) for part in self.base.parts())
@@ -263,17 +274,16 @@ class Normalized(Model):
         """What is divided by, and its relative error."""
         if self.at != "each_incidence":
             return self.divisor
-        c = np.maximum(wi[:, 2], 0.0)
-        return self._table(c), self._table.relative(c)
+        return self._table.of(wi), self._table.relative(np.maximum(wi[:, 2], 0.0))
 
 
-def normalize(model: Model, at: str = "normal") -> Normalized:
+def normalize(model: Model, at: str = "normal", *, rtol: float | None = None) -> Normalized:
     """Divide a model by its own directional albedo.
 
     Parameters
     ----------
     model : Model
-        Isotropic, unless it is divided by its albedo at normal incidence.
+        What is divided.
     at : {"normal", "max", "each_incidence"}
         The albedo at normal incidence; its largest value (as NNS eq. 7 asks of c(n, s)); or at
         every light direction its own (Lewis 1993), after which the model reflects all light and
@@ -287,8 +297,7 @@ def normalize(model: Model, at: str = "normal") -> Normalized:
     Raises
     ------
     InputError
-        For an anisotropic model, but with ``normal``; for one whose albedo has no largest value,
-        or is not above 0 where it is divided by.
+        For a model whose albedo has no largest value, or is not above 0 where it is divided by.
 
     Examples
     --------
@@ -301,16 +310,14 @@ def normalize(model: Model, at: str = "normal") -> Normalized:
         raise InputError(f"normalize needs a model, not {type(model).__name__}")
     if at not in AT:
         raise InputError(f"at = {at!r} is unknown; choose one of {', '.join(AT)}")
-    if at != "normal" and not model.isotropic:
-        raise InputError(
-            f"{model.spec} is anisotropic; it can be divided by its albedo at normal incidence only"
-        )
     if at == "max" and not model.grazing_limit:
         raise InputError(
             f"the albedo of {model.spec} grows without limit towards grazing incidence; it has no "
             "largest value"
         )
-    normalized = Normalized(model, at)
+    if rtol is not None and not 1e-12 <= rtol <= 1e-3:
+        raise InputError(f"rtol = {rtol!r} is out of range; it lies in [1e-12, 1e-3]")
+    normalized = Normalized(model, at, rtol)
     for kind in normalized.by_channel():
         kind.parts()
     return normalized
