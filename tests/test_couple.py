@@ -32,6 +32,8 @@ SPECULARS = [
     albedo.model("cook_torrance", m=0.1),
     albedo.model("ashikhmin_shirley", n=100, r_s=0.05),
     albedo.model("schlick", form="final", roughness=0.3, color=0.2),
+    # Its albedo is 1 at one height between the normal and the horizon, within the bounds.
+    albedo.model("lafortune_scaled", n=20, s=0.95),
 ]
 speculars = pytest.mark.parametrize("specular", SPECULARS, ids=lambda m: m.spec[:60])
 

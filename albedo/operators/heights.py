@@ -6,8 +6,8 @@ so errors are relative to the value, as far as the value itself is known so well
 
     |error| <= bound * max(value, floor),
 
-where the floor is what lies so far below the rest of the piece, or so near to the errors of the
-albedos, that no share of it can be told.
+where the floor is the least value, unless that lies so far below the rest of the piece, or so near
+to the errors of the albedos, that no share of it can be told.
 """
 
 from __future__ import annotations
@@ -29,8 +29,6 @@ from albedo.quadrature import albedo_rows
 _ORDER = 16
 # Between its nodes, where the fresh points stand, an interpolant errs most; in between not by more.
 TRUST = 8.0
-# What errors at the nodes may come to between them: the Lebesgue constant of 16 Chebyshev nodes.
-LEBESGUE = 2.8
 # Pieces in the logarithm begin with this many e-folds; in angles they are not cut below an arc
 # whose cosines float64 can tell apart.
 FOLDS, SHORTEST = 4.0, 1e-5
@@ -51,6 +49,9 @@ _EPS = np.finfo(np.float64).eps
 _NODES = chebyshev.chebpts1(_ORDER)
 _FRESH = chebyshev.chebpts2(_ORDER + 1)
 _RULE = np.polynomial.legendre.leggauss(40)
+# Places between the nodes, and the moduli of Lagrange's polynomials there.
+_BETWEEN = chebyshev.chebvander(np.linspace(-1.0, 1.0, 65), _ORDER - 1)
+LAGRANGE = np.abs(_BETWEEN @ np.linalg.inv(chebyshev.chebvander(_NODES, _ORDER - 1)))
 
 
 @kernel
@@ -314,14 +315,18 @@ def height_table(model: Model, lost: bool = False, rtol: float = 1e-10) -> Heigh
         basis = chebyshev.chebvander(2.0 * (folded(c) - low) / size - 1.0, _ORDER - 1)
         coefficients = np.linalg.solve(basis[:, :_ORDER], value[:, :_ORDER, None])
         modulus = np.abs(value)
+        # Between the nodes as well: a value may fall to next to nothing there.
+        between = np.abs(_BETWEEN @ coefficients)[:, :, 0]
         # Errors that are a share of each value are in the bound that is relative.
         above = np.maximum(error - 0.15 * rtol * modulus, 0.0).max(1)
         floor = np.maximum(DEEP * np.maximum(modulus.max(1), typical), above / (NOISE * rtol))
-        floor = np.maximum(floor, _TINY)
+        floor = np.maximum(np.maximum(floor, between.min(1)), _TINY)
         unit = np.maximum(modulus, floor[:, None])
-        missed = (np.abs((basis @ coefficients)[:, :, 0] - value) / unit).max(1)
-        own = (error / unit).max(1)
-        bound = TRUST * missed + LEBESGUE * own + 64.0 * _EPS * (modulus / unit).max(1)
+        missed = np.abs((basis @ coefficients)[:, :, 0] - value).max(1) / floor
+        # What errors at the nodes may come to between them, and those that hide what was missed.
+        noise = (error[:, :_ORDER] @ LAGRANGE.T) / np.maximum(between, floor[:, None])
+        own = noise.max(1) + (error / unit)[:, _ORDER:].max(1)
+        bound = TRUST * missed + own + 64.0 * _EPS * modulus.max(1) / floor
         done = (bound <= rtol) | (size[:, 0] < SHORTEST)
         if len(pieces) + 2 * len(active) > _MOST:
             done[:] = True

@@ -20,7 +20,7 @@ from albedo.brdf import Model
 from albedo.charts.heights import FIRST, LAST, LOWEST, area, fold, folded, unfolded
 from albedo.operators.heights import (
     DEEP,
-    LEBESGUE,
+    LAGRANGE,
     NOISE,
     SHORTEST,
     TRUST,
@@ -34,8 +34,6 @@ from albedo.operators.heights import (
 
 # Nodes along y and along the azimuth.
 _ORDER, _TURNS = 16, 12
-# The Lebesgue constant of the nodes along the azimuth, times that of those along y.
-_LEBESGUE = 2.7 * LEBESGUE
 _MOST = 600
 _TINY = 1e-300
 _EPS = np.finfo(np.float64).eps
@@ -339,11 +337,15 @@ def surface_table(model: Model, lost: bool = False, rtol: float = 1e-6) -> Surfa
         )
         floor = np.maximum(DEEP * np.maximum(modulus, typical), above / (NOISE * rtol))
         floor = np.maximum(floor, _TINY)
-        unit = np.maximum(np.abs(value), floor[:, None, None])
-        fresh_unit = np.maximum(np.abs(fresh), floor[:, None, None])
-        missed = (np.abs(fitted - fresh) / fresh_unit).max((1, 2))
-        own = np.maximum((error / unit).max((1, 2)), (wide / fresh_unit).max((1, 2)))
-        bound = TRUST * missed + _LEBESGUE * own + 256.0 * _EPS
+        # Between the nodes as well: a value may fall to next to nothing there.
+        between = np.abs(_BETWEEN @ coefficients @ _BETWEEN_TURN.T)
+        floor = np.maximum(floor, between.min((1, 2)))
+        missed = np.abs(fitted - fresh).max((1, 2)) / floor
+        # What errors at the nodes may come to between them, and those that hide what was missed.
+        noise = _LAGRANGE @ error @ _LAGRANGE_TURN.T
+        own = (noise / np.maximum(between, floor[:, None, None])).max((1, 2))
+        own += (wide / np.maximum(np.abs(fresh), floor[:, None, None])).max((1, 2))
+        bound = TRUST * missed + own + 256.0 * _EPS * modulus / floor
         # What would be left of the error if one direction were cut no more.
         tail = np.abs(coefficients)
         steep = np.column_stack((tail[:, -3:].sum((1, 2)), tail[:, :, -3:].sum((1, 2))))
@@ -389,6 +391,11 @@ _NODES, _NODES_TURN = chebyshev.chebpts1(_ORDER), chebyshev.chebpts1(_TURNS)
 _FRESH, _FRESH_TURN = chebyshev.chebpts2(_ORDER + 1), chebyshev.chebpts2(_TURNS + 1)
 _BASIS_TURN = chebyshev.chebvander(_NODES_TURN, _TURNS - 1)
 _CHECK_TURN = chebyshev.chebvander(_FRESH_TURN, _TURNS - 1)
+# Places between the nodes, and the moduli of Lagrange's polynomials there.
+_BETWEEN = chebyshev.chebvander(np.linspace(-1.0, 1.0, 33), _ORDER - 1)
+_BETWEEN_TURN = chebyshev.chebvander(np.linspace(-1.0, 1.0, 25), _TURNS - 1)
+_LAGRANGE = LAGRANGE[::2]
+_LAGRANGE_TURN = np.abs(_BETWEEN_TURN @ np.linalg.inv(_BASIS_TURN))
 
 
 def _typical(model: Model, end: float) -> tuple[float, int]:
