@@ -24,6 +24,9 @@ _HOME = {
     "monte_carlo_albedo": "albedo.integrators.monte_carlo",
     "MonteCarloEstimate": "albedo.integrators.monte_carlo",
     "table": "albedo.tables",
+    "compensate": "albedo.operators.compensate",
+    "couple": "albedo.operators.couple",
+    "normalize": "albedo.operators.normalize",
     "pump": "albedo.operators.pump",
     "Estimate": "albedo.estimate",
     "Model": "albedo.brdf",
@@ -39,6 +42,9 @@ if TYPE_CHECKING:
     from albedo.errors import ConvergenceWarning, DivergenceError, InputError
     from albedo.estimate import Estimate
     from albedo.integrators.monte_carlo import MonteCarloEstimate, monte_carlo_albedo
+    from albedo.operators.compensate import compensate
+    from albedo.operators.couple import couple
+    from albedo.operators.normalize import normalize
     from albedo.operators.pump import pump
     from albedo.quadrature import directional_albedo
     from albedo.tables import table
@@ -52,11 +58,14 @@ __all__ = [
     "Model",
     "MonteCarloEstimate",
     "average_albedo",
+    "compensate",
+    "couple",
     "directional_albedo",
     "model",
     "model_from",
     "models",
     "monte_carlo_albedo",
+    "normalize",
     "pump",
     "table",
 ]

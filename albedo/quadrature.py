@@ -224,9 +224,9 @@ def _rows(
     """Sum the parts and spikes of every row; batch the rows whose parts share a structure."""
     n = cos_theta.size
     distinct, which = _distinct(models)
-    prepared = [(m.parts(), m.pack(), m.isotropic) for m in distinct]
+    prepared = [(m.parts(), m.pack(), m.isotropic, m.reciprocal) for m in distinct]
     batches: dict[Any, list[int]] = {}
-    for k, (parts, _, isotropic) in enumerate(prepared):
+    for k, (parts, _, isotropic, _) in enumerate(prepared):
         structure = (
             tuple((q.name, q.fill, q.chart, q.columns) for q in parts),
             isotropic,
@@ -244,7 +244,7 @@ def _rows(
     direct = np.zeros(n, dtype=bool)
     for members in batches.values():
         rows = np.flatnonzero(np.isin(which, members))
-        parts, _, isotropic = prepared[members[0]]
+        parts, _, isotropic, _ = prepared[members[0]]
         place = np.searchsorted(members, which[rows])
         loss = complement and len(parts) == 1 and parts[0].loss is not None and not swap
         direct[rows] = loss
@@ -257,7 +257,9 @@ def _rows(
             doubt = np.empty(rows.size)
             for i, j in enumerate(members):
                 own, at = prepared[j][0][k].doubt, place == i
-                doubt[at] = own(None if swap else cos_theta[rows][at]) if callable(own) else own
+                # The views of a symmetric model are lights.
+                known = not swap or prepared[j][3]
+                doubt[at] = own(cos_theta[rows][at] if known else None) if callable(own) else own
             # What the part's own numbers are worth is not spent a second time.
             share["rtol"] = options["rtol"] - min(float(doubt.max()), 0.5 * options["rtol"])
             result = _part(

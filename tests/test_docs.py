@@ -34,6 +34,7 @@ ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 PUMPING = (ROOT / "docs" / "pumping.md").read_text(encoding="utf-8")
+COUPLING = (ROOT / "docs" / "coupling.md").read_text(encoding="utf-8")
 
 _NUMBER = re.compile(r"(-?\d+(?:\.\d+)?)\((\d+)\)(?:e([+-]?\d+))?")
 
@@ -82,7 +83,9 @@ class Intervals(doctest.OutputChecker):
 
 
 @pytest.mark.parametrize(
-    "text", [README, CONTRIBUTING, PUMPING], ids=["readme", "contributing", "pumping"]
+    "text",
+    [README, CONTRIBUTING, PUMPING, COUPLING],
+    ids=["readme", "contributing", "pumping", "coupling"],
 )
 def test_python_snippets_print_what_is_shown(text: str) -> None:
     source = "\n".join(block for block in blocks(text, "python") if block.startswith(">>> "))

@@ -189,3 +189,111 @@ def test_the_largest_albedo_counts_its_error() -> None:
     # Giesen's constant makes it 1, at normal incidence.
     assert abs(value - 1.0) <= error
     assert 0.0 < error <= 1e-12
+
+
+MIRRORED = albedo.model("schlick", form="final", roughness=0.1)
+
+
+@pytest.mark.parametrize(
+    "base",
+    [
+        albedo.model("phong", n=20.0),
+        albedo.model("ashikhmin_shirley", n=10),
+        albedo.model("ward", m=0.3),
+        albedo.model("cook_torrance", m=1e-3, geometry="smith"),
+        MIRRORED,
+    ],
+    ids=lambda m: m.name,
+)
+def test_a_model_over_its_albedo(base: Model) -> None:
+    alone = albedo.directional_albedo(base, COSINES[:-1])
+    normal = albedo.normalize(base)
+    found = albedo.directional_albedo(normal, COSINES[:-1])
+    top = albedo.directional_albedo(base, 1.0, rtol=1e-10)
+    known = alone.value / float(top.value)
+    assert np.all(
+        np.abs(found.value - known) <= found.error + (alone.error + top.error) / top.value
+    )
+    assert normal.reciprocal == base.reciprocal
+    each = albedo.normalize(base, "each_incidence")
+    found = albedo.directional_albedo(each, COSINES[:-1])
+    assert np.all(np.abs(found.value - 1.0) <= found.error)
+    assert found.converged.all()
+    assert not each.reciprocal
+    assert each.conserves_energy
+    if not base.grazing_limit:
+        return
+    largest = albedo.directional_albedo(albedo.normalize(base, "max"), COSINES)
+    assert np.all(largest.value <= 1.0 + largest.error)
+    # Steps of the cosines miss the top of a smooth curve by the square of them.
+    assert largest.value.max() >= 1.0 - 2e-3
+
+
+def test_each_incidence_is_lewis() -> None:
+    ours = albedo.normalize(albedo.model("blinn", n=20.0), "each_incidence")
+    lewis = albedo.model("lewis", n=20.0, reading="per_incidence")
+    for fixed in ("light", "view"):
+        found = albedo.directional_albedo(ours, [1.0, 0.5, 0.02], fixed=fixed)
+        other = albedo.directional_albedo(lewis, [1.0, 0.5, 0.02], fixed=fixed)
+        assert np.all(np.abs(found.value - other.value) <= found.error + other.error)
+
+
+def test_dirac_parts_are_normalised() -> None:
+    model = albedo.normalize(MIRRORED, "each_incidence")
+    wi = np.array([[0.6, 0.0, 0.8], [0.0, 0.0, 1.0]])
+    alone = albedo.directional_albedo(MIRRORED, wi[:, 2], rtol=1e-11)
+    known = MIRRORED.spikes(wi)[1][0] / alone.value
+    weights = model.spikes(wi)[1]
+    errors = model.spike_errors(wi, weights)
+    assert np.all(np.abs(weights[0] - known) <= errors[0] + 2e-11 * known)
+    assert "mirror" in albedo.directional_albedo(model, 0.3).parts
+
+
+def test_an_anisotropic_model_over_its_albedo() -> None:
+    base = albedo.model("cook_torrance", alpha_x=0.5, alpha_y=0.3, geometry="smith")
+    found = albedo.directional_albedo(albedo.normalize(base), 1.0, [0.0, 1.0])
+    assert np.all(np.abs(found.value - 1.0) <= found.error)
+    assert found.converged.all()
+    phi = np.array([[0.0], [0.4], [2.0]])
+    each = albedo.normalize(base, "each_incidence", rtol=1e-3)
+    found = albedo.directional_albedo(each, [1.0, 0.4, 0.05], phi, rtol=1e-2)
+    assert np.all(np.abs(found.value - 1.0) <= found.error)
+    # Masking takes least at normal incidence, or next to the horizon along one of the axes.
+    alone = albedo.directional_albedo(base, [1.0, 0.3, 0.0], phi)
+    most = albedo.normalize(base, "max", rtol=1e-3)
+    largest, error = most.divisor
+    assert largest * (1.0 + error) >= np.max(alone.value - alone.error)
+    assert largest <= 1.0 + error
+
+
+def test_normalised_models_are_models_like_any_other() -> None:
+    base = albedo.model("ashikhmin_shirley", n=10)
+    model = albedo.normalize(base, "max")
+    assert model == albedo.normalize(albedo.model("ashikhmin_shirley", n=10), "max")
+    assert model != albedo.normalize(base)
+    assert hash(model) == hash(albedo.normalize(base, "max"))
+    assert model.spec == f"normalize({base.spec}, at=max)"
+    exact = albedo.directional_albedo(model, [0.9, 0.2])
+    drawn = albedo.monte_carlo_albedo(model, [0.9, 0.2], samples=2**14, seed=5)
+    assert np.all(np.abs(drawn.value - exact.value) <= 5.0 * drawn.error + exact.error)
+    table = albedo.table(albedo.normalize(base), [1.0], sweep={"n": [1.0, 30.0]})
+    assert np.all(np.abs(table["value"].values - 1.0) <= table["error"].values)
+    coloured = albedo.normalize(albedo.model("schlick", color=(0.2, 0.5)))
+    found = albedo.directional_albedo(coloured, 1.0)
+    assert np.all(np.abs(found.value - 1.0) <= found.error)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: albedo.normalize("phong"), "needs a model, not str"),
+        (lambda: albedo.normalize(albedo.model("phong"), "grazing"), "at = 'grazing'"),
+        (lambda: albedo.normalize(albedo.model("ward"), "max"), "no largest value"),
+        (lambda: albedo.normalize(albedo.model("ward"), rtol=0.1), "rtol = 0.1"),
+        (lambda: albedo.normalize(albedo.model("lambert", rho=0.0)), "nothing to divide by"),
+        (lambda: albedo.normalize(albedo.model("lambert", rho=0.0), "each_incidence"), "above 0"),
+    ],
+)
+def test_bad_input_to_normalize(make: Any, message: str) -> None:
+    with pytest.raises(albedo.InputError, match=message):
+        make()

@@ -1,4 +1,4 @@
-"""Every citation key that a model uses is in references.bib, and no entry is idle."""
+"""Every citation key that a model or an operator uses is in references.bib, and none is idle."""
 
 from __future__ import annotations
 
@@ -22,9 +22,16 @@ def entries() -> list[tuple[str, str, dict[str, str]]]:
 
 
 def used() -> dict[str, list[str]]:
-    """The models that cite each key."""
+    """The models, and the operators, that cite each key."""
     keys: dict[str, list[str]] = {}
-    for name, kind in albedo.models().items():
+    lobe = albedo.model("cook_torrance", m=0.5)
+    made = [
+        albedo.couple(lobe),
+        albedo.normalize(lobe),
+        *(albedo.compensate(lobe, method) for method in ("kulla_conty", "turquin", "pump")),
+    ]
+    kinds = [*albedo.models().items(), *((model.spec, model) for model in made)]
+    for name, kind in kinds:
         for key in kind.references:
             keys.setdefault(key, []).append(name)
     return keys
