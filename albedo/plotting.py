@@ -397,7 +397,9 @@ def draw_axes(
         axes.set_ylim(min(0.0, 1.05 * low), 1.05 * max(high, 1.0))
 
 
-def add_legend(figure: Figure, axes: Axes, extra: Sequence[Any] = ()) -> None:
+def add_legend(
+    figure: Figure, axes: Axes, extra: Sequence[Any] = (), columns: int | None = None
+) -> None:
     """Put a legend below the panels, where it covers no data.
 
     Parameters
@@ -408,12 +410,14 @@ def add_legend(figure: Figure, axes: Axes, extra: Sequence[Any] = ()) -> None:
         The panel whose labelled lines are listed.
     extra : sequence of artists
         Further labelled artists.
+    columns : int, optional
+        How many stand side by side; as many as fit unless given.
     """
     handles = [*axes.get_legend_handles_labels()[0], *extra]
     longest = max((len(str(handle.get_label())) for handle in handles), default=0)
     # A character of the legend is about 0.072 inches wide; its line and its gaps take 0.65.
     fitting = int(figure.get_figwidth() / (0.072 * longest + 0.65))
-    columns = max(1, min(fitting, len(handles)))
+    columns = max(1, min(fitting, len(handles))) if columns is None else columns
     # The room for the legend is added below: the panels keep their size.
     figure.set_figheight(figure.get_figheight() + 0.21 * -(-len(handles) // columns))
     figure.legend(

@@ -467,7 +467,7 @@ class _Search:
                     chord = np.where(far < 1e-7, chord, far)
                     bracket = max(bracket, float(2.0 * np.arcsin(np.minimum(0.5 * chord, 1)).max()))
         # The nodes next to the last one that is equal may be so too.
-        bracket = min(2.0 * bracket + 4.0 * _EPS, math.pi)
+        bracket = float(min(2.0 * bracket + 4.0 * _EPS, math.pi))
         return Peak(
             value=value,
             error=error,
@@ -539,7 +539,8 @@ def _smaller(
     for column, at in ((0, i), (2, j)):
         low, size = box[:, column], box[:, column + 1] - box[:, column]
         reach = np.maximum(
-            side[np.minimum(at + 1, side.size - 1)] - side[at], side[at] - side[np.maximum(at - 1, 0)]
+            side[np.minimum(at + 1, side.size - 1)] - side[at],
+            side[at] - side[np.maximum(at - 1, 0)],
         )
         centre = low + side[at] * size
         # Boxes may run downwards.
