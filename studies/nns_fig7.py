@@ -144,7 +144,7 @@ def curves(context: Context) -> None:
 
 def limit(context: Context) -> None:
     """How far controlled Phong is from eq. 22 after each step (N11)."""
-    steps = 20 if context.full else 5
+    steps = 20 if context.full else 4
     goal = albedo.model("max_phong", n=20)
     cosines = np.unique(
         np.concatenate(

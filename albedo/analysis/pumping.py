@@ -77,10 +77,12 @@ class Series:
         return np.flatnonzero(self.cosines <= cos_theta)
 
 
-def default_cosines(per_decade: int = 24) -> np.ndarray:
+def default_cosines(full: bool = True) -> np.ndarray:
     """Cosines for both axes of `albedo.plotting`: degrees, and decades down to 1e-6."""
-    both = np.concatenate((angle_grid(), grazing_grid(1e-6, per_decade)))
-    found: np.ndarray = np.unique(both)[::-1]
+    degrees, per_decade = angle_grid(), 24
+    if not full:
+        degrees, per_decade = np.append(degrees[:85:3], degrees[85::5]), 6
+    found: np.ndarray = np.unique(np.append(degrees, grazing_grid(1e-6, per_decade)))[::-1]
     return found
 
 
@@ -335,7 +337,8 @@ _DASHES: tuple[Any, ...] = ("-", (0, (6, 2)), (0, (1.2, 1.4)), (0, (6, 1.6, 1.2,
 def looks(count: int) -> list[dict[str, Any]]:
     """Colours and dashes for curves that are ordered."""
     return [
-        {"color": color, "linestyle": _DASHES[k % len(_DASHES)]}
+        # What comes later lies below: dashes are seen where curves are one.
+        {"color": color, "linestyle": _DASHES[k % len(_DASHES)], "zorder": 2.5 - 0.01 * k}
         for k, color in enumerate(ramp(count))
     ]
 

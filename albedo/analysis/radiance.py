@@ -17,7 +17,6 @@ nothing changes any more. What the last look still shows is part of the bound.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -37,12 +36,13 @@ _FIRST = 0.5 * (1.0 - np.cos(np.pi * np.arange(11) / 10))
 _LATER = np.linspace(0.0, 1.0, 9)
 # No node stands on an edge, where charts may be singular; it comes as close as the look is small.
 _MARGIN = 1e-14
-_MOST_MAXIMA, _ROUNDS = 96, 60
+_MOST_MAXIMA, _ROUNDS = 96, 200
 # Panels that are looked at together.
 _BLOCK = 512
 # A view so far below L lies at the horizon; there a radiance that still grows has no largest value.
 _LOW, _GROWTH = 1e-6, 1e-4
 _HORIZON = np.array([1e-9, 1e-12, 1e-15, 1e-18])
+_ROUNDED = 1e-15
 # Nodes that are remembered, to tell how wide the top of a lobe is.
 _MOST_SEEN = 20_000
 
@@ -357,21 +357,27 @@ class _Search:
 
     def _look(self, wi: np.ndarray, wo: np.ndarray, h: np.ndarray) -> np.ndarray:
         """Values at nodes; the best is kept, and what comes near it."""
+        # At the horizon it is rounding that puts a node above or below.
+        least = _HORIZON[-1] * self.c
+        at_horizon = np.abs(wo[2]) < _ROUNDED
+        if at_horizon.any():
+            wo, h = wo.copy(), h.copy()
+            lifted = np.where(at_horizon, np.maximum(wo[2], least), wo[2])
+            h[2] += lifted - wo[2]
+            wo[2] = lifted
         f = self.lobes(wi, wo, h)
         f = np.where(np.isnan(f), -math.inf, f)
-        k = int(np.argmax(f))
-        at = np.unravel_index(k, f.shape)
+        flat, views, halves = f.ravel(), wo.reshape(3, -1), h.reshape(3, -1)
+        k = int(np.argmax(flat))
         # Where several are equal, the first stays: the mirror direction, if it is among them.
-        if f[at] > (1.0 + 4.0 * _EPS) * self.best:
-            self.best = float(f[at])
-            self.wo, self.h = wo[:, *at].copy(), h[:, *at].copy()
+        if flat[k] > (1.0 + 4.0 * _EPS) * self.best:
+            self.best = float(flat[k])
+            self.wo, self.h = views[:, k].copy(), halves[:, k].copy()
             self.noise = float(self.lobes.bounded(*self._best())[1][0, 0])
-        near = f >= self.best - max(1e-9 * self.best, self.noise)
-        places = np.flatnonzero(near)
-        if places.size > _MOST_SEEN:
-            places = places[:: -(-places.size // _MOST_SEEN)]
-        where = np.unravel_index(places, f.shape)
-        self.seen.append((f[where], wo[:, *where], h[:, *where]))
+        near = np.flatnonzero(flat >= self.best - max(1e-9 * self.best, self.noise))
+        if near.size > _MOST_SEEN:
+            near = near[:: -(-near.size // _MOST_SEEN)]
+        self.seen.append((flat[near], views[:, near], halves[:, near]))
         return f
 
     def _best(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -534,22 +540,24 @@ def _maxima(
 def _smaller(
     box: np.ndarray, whole: np.ndarray, i: np.ndarray, j: np.ndarray, side: np.ndarray
 ) -> np.ndarray:
-    """Boxes that reach from each node to its neighbours; beyond the old box on its edge."""
+    """Boxes that reach from each node to its neighbours.
+
+    From a node on the edge of its box, but not of the panel, the new box is as large as the old:
+    on a ridge across both coordinates the largest value may lie far from the best node.
+    """
     new = box.copy()
+    last = side.size - 1
+    at_edge = np.zeros(i.size, dtype=bool)
+    for column, at in ((0, i), (2, j)):
+        for node, end in ((0, column), (last, column + 1)):
+            at_edge |= (at == node) & (box[:, end] != whole[:, end])
     for column, at in ((0, i), (2, j)):
         low, size = box[:, column], box[:, column + 1] - box[:, column]
-        reach = np.maximum(
-            side[np.minimum(at + 1, side.size - 1)] - side[at],
-            side[at] - side[np.maximum(at - 1, 0)],
-        )
+        before, after = side[np.maximum(at - 1, 0)], side[np.minimum(at + 1, last)]
+        reach = np.where(at_edge, 0.5, np.maximum(after - side[at], side[at] - before)) * size
         centre = low + side[at] * size
         # Boxes may run downwards.
         ends = np.sort(whole[:, column : column + 2], axis=1)
-        for step, end in ((-1.0, column), (1.0, column + 1)):
-            new[:, end] = np.clip(centre + step * reach * size, ends[:, 0], ends[:, 1])
+        new[:, column] = np.clip(centre - reach, ends[:, 0], ends[:, 1])
+        new[:, column + 1] = np.clip(centre + reach, ends[:, 0], ends[:, 1])
     return new
-
-
-def peaks(model: Model, cosines: Sequence[float] | np.ndarray, phi: float = 0.0) -> list[Peak]:
-    """`peak` for several cosines of the angle of incidence."""
-    return [peak(model, float(c), phi) for c in np.asarray(cosines, dtype=np.float64).ravel()]
