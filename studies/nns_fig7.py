@@ -161,7 +161,8 @@ def limit(context: Context) -> None:
         for k in range(steps + 1):
             context.progress(k, steps + 1, f"{control} against eq. 22")
             stage = albedo.pump(albedo.model("phong", n=20), k, control, rtol=1e-10)
-            found = albedo.directional_albedo(stage, cosines, rtol=3e-9, atol=3e-9)
+            goal = pumping.tolerance(stage, 1e-10)
+            found = albedo.directional_albedo(stage, cosines, rtol=goal, atol=goal)
             distance, error = np.abs(found.value - known.value), found.error + known.error
             row: dict[str, Any] = {"reading": control, "step": k}
             for name, inside in (

@@ -484,9 +484,7 @@ def _check_against_nystrom(folder: Path) -> None:
                 k = int(np.argmin(np.abs(c - 0.5)))
                 order = np.argsort(frame["cos_theta"])
                 # Between angles of three degrees a line errs by less than 1e-3.
-                there = np.interp(
-                    c[k], frame["cos_theta"][order], frame[f"step_{step}"][order]
-                )
+                there = np.interp(c[k], frame["cos_theta"][order], frame[f"step_{step}"][order])
                 assert abs(there - value[k]) <= 1.3e-3
 
 

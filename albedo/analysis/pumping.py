@@ -119,14 +119,20 @@ def series(
     for k, stage in enumerate(stages):
         if advance is not None:
             advance(k, steps + 1, f"albedo after step {k}")
-        # The divisor alone is worth ten times its tolerance.
-        rows.append(directional_albedo(stage, cosines, rtol=30.0 * rtol, atol=30.0 * rtol))
-        limits.append(directional_albedo(stage, 0.0, rtol=1e-6))
+        goal = tolerance(stage, rtol)
+        rows.append(directional_albedo(stage, cosines, rtol=goal, atol=goal))
+        limits.append(directional_albedo(stage, 0.0, rtol=max(1e-6, goal)))
     return Series(
         *(stages, cosines),
         *(np.array([x.value for x in rows]), np.array([x.error for x in rows])),
         *(np.array([float(x.value) for x in limits]), np.array([float(x.error) for x in limits])),
     )
+
+
+def tolerance(stage: Model, rtol: float) -> float:
+    """What albedos of a stage can be worth: its divisor errs by more than one of its curves."""
+    doubts = [part.doubt(None) if callable(part.doubt) else part.doubt for part in stage.parts()]
+    return float(max(30.0 * rtol, 3.0 * max(doubts)))
 
 
 def least(value: np.ndarray, error: np.ndarray) -> tuple[int, float, float]:
