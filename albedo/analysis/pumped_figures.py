@@ -163,8 +163,8 @@ READINGS = {
 }
 """The two readings of controlled pumping-up, NNS eq. 21, in words."""
 
-# A limit below this is below one for everybody.
-BELOW_ONE = 0.99
+# Of what is lost, the share that a step leaves when the albedo has come to its limit.
+ARRIVED = 0.99
 
 
 def controlled(
@@ -296,13 +296,15 @@ def _claim_controlled(
         "incidence",
     )
     half = int(np.argmin(np.abs(data.cosines - 0.5)))
+    lost, doubts = 1.0 - data.value[-2:, half], data.error[-2:, half]
+    share = float(lost[1] / lost[0])
     context.claim(
         "N10",
         f"The albedo of {name} converges to a limit below 1 {reading}.",
-        value=data.value[-1, half],
-        error=data.error[-1, half],
-        criterion=f"< {BELOW_ONE}",
-        quantity=f"albedo at 60 degrees after {data.steps} steps",
+        value=share,
+        error=float((doubts[1] + share * doubts[0]) / (lost[0] - doubts[0])),
+        criterion=f"> {ARRIVED}",
+        quantity=f"share of 1 - a at 60 degrees that the last of {data.steps} steps leaves",
     )
     last, doubt = pumping.worthwhile(data)
     context.claim(
