@@ -256,8 +256,12 @@ def draw(frame: pd.DataFrame) -> Figure:
         axes.set_yscale("log")
         axes.set_xlabel("steps k")
         axes.set_ylabel("largest 1 - albedo")
-        marks = [k for k in (1, 2, 4, 8, 16, 32) if k <= steps[1]]
+        marks = sorted({*(k for k in (1, 2, 4, 8, 16) if k < steps[1]), int(steps[1])})
         axes.set_xticks(marks, [str(k) for k in marks])
+        low = float(frame[frame["step"] > 0]["cos_0.01"].min())
+        heights = [y for y in (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0) if y > 0.8 * low]
+        axes.set_yticks(heights, [f"{y:g}" for y in heights])
+        axes.set_ylim(0.8 * low, 1.05)
         axes.minorticks_off()
         plotting.add_legend(figure, axes, columns=2)
     return figure

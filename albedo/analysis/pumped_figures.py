@@ -186,13 +186,12 @@ def controlled(
     gains_from : int
         The step from which on the largest gain is noted.
     """
-    rtol = 1e-11 if context.full else 1e-10
     steps = 20 if context.full else STEPS - 1
     found = {}
     for control in READINGS:
         cosines = pumping.default_cosines(context.full)
         data = pumping.series(
-            model, steps, control, cosines=cosines, rtol=rtol, advance=_named(context, control)
+            model, steps, control, cosines=cosines, advance=_named(context, control)
         )
         peaks = pumping.find_peaks(data, _peak_cosines(context), _named(context, control))
         found[control] = data, peaks
