@@ -165,6 +165,8 @@ READINGS = {
 
 # Of what is lost, the share that a step leaves when the albedo has come to its limit.
 ARRIVED = 0.99
+# What is lost is known when it is so many times its bound.
+KNOWN = 100.0
 
 
 def controlled(
@@ -279,7 +281,7 @@ def _claim_controlled(
     worth: tuple[str, str],
 ) -> None:
     reading = f"({control}: {READINGS[control]})"
-    relative = [peaks.relative(k) for k in range(1, data.steps + 1)]
+    relative = [peaks.relative(k) for k in peaks.found if k > 0]
     _, value, error = pumping.most(
         np.concatenate([ratio for ratio, _ in relative]),
         np.concatenate([bound for _, bound in relative]),
@@ -291,19 +293,21 @@ def _claim_controlled(
         value=value,
         error=error,
         criterion=pumping.at_most(1.0),
-        quantity="largest output radiance of all steps and angles, over the base's at normal "
-        "incidence",
+        quantity=f"largest output radiance after up to {data.steps} steps, over the base's at "
+        "normal incidence",
     )
     half = int(np.argmin(np.abs(data.cosines - 0.5)))
-    lost, doubts = 1.0 - data.value[-2:, half], data.error[-2:, half]
-    share = float(lost[1] / lost[0])
+    lost, doubts = 1.0 - data.value[:, half], data.error[:, half]
+    # The last step at which what is lost is known at all.
+    k = int(np.flatnonzero(lost > KNOWN * doubts)[-1])
+    share = float(lost[k] / lost[k - 1])
     context.claim(
         "N10",
         f"The albedo of {name} converges to a limit below 1 {reading}.",
         value=share,
-        error=float((doubts[1] + share * doubts[0]) / (lost[0] - doubts[0])),
+        error=float((doubts[k] + share * doubts[k - 1]) / (lost[k - 1] - doubts[k - 1])),
         criterion=f"> {ARRIVED}",
-        quantity=f"share of 1 - a at 60 degrees that the last of {data.steps} steps leaves",
+        quantity=f"share of 1 - a at 60 degrees that step {k} of {data.steps} leaves",
     )
     last, doubt = pumping.worthwhile(data)
     context.claim(

@@ -243,14 +243,14 @@ class Peaks:
     ----------
     cosines : ndarray, shape (n,)
         Cosines of incidence.
-    found : list of list of Peak
+    found : mapping of int to list of Peak
         For every step, at every cosine.
     unit : Peak
         Of the base, at normal incidence.
     """
 
     cosines: np.ndarray
-    found: list[list[Peak]]
+    found: dict[int, list[Peak]]
     unit: Peak
 
     def relative(self, step: int) -> tuple[np.ndarray, np.ndarray]:
@@ -274,7 +274,7 @@ class Peaks:
         import pandas as pd
 
         rows = []
-        for k, found in enumerate(self.found):
+        for k, found in self.found.items():
             columns = self.relative(k), self.over_base(k), self.beside_mirror(k)
             for n, item in enumerate(found):
                 row = {
@@ -299,15 +299,20 @@ def _over(a: Any, b: Any) -> tuple[np.ndarray, np.ndarray]:
     return ratio, (a[1] + ratio * b[1]) / (b[0] - b[1])
 
 
+def sparse(steps: int) -> list[int]:
+    """The first steps, then every fifth, and the last: of many, what a table can do with."""
+    return sorted({*range(min(steps, 5) + 1), *range(0, steps + 1, 5), steps})
+
+
 def find_peaks(
     data: Series, cosines: np.ndarray = PEAK_COSINES, advance: Advance | None = None
 ) -> Peaks:
-    """Seek the largest output radiance after every step, at some incidences."""
-    found = []
-    for k, stage in enumerate(data.stages):
+    """Seek the largest output radiance after the steps that `sparse` names, at some incidences."""
+    found = {}
+    for k in sparse(data.steps):
         if advance is not None:
             advance(k, data.steps + 1, f"largest radiance after step {k}")
-        found.append([peak(stage, float(c)) for c in cosines])
+        found[k] = [peak(data.stages[k], float(c)) for c in cosines]
     return Peaks(cosines, found, peak(data.stages[0].base, 1.0))
 
 
@@ -323,8 +328,8 @@ def radiance_frame(data: Series, theta_deg: Sequence[float], step_deg: float = 0
             "theta_deg": np.full(view.size, theta),
             "view_deg": view,
         }
-        for k, stage in enumerate(data.stages):
-            found = plane_radiance(stage, c, np.radians(view))
+        for k in sparse(data.steps):
+            found = plane_radiance(data.stages[k], c, np.radians(view))
             columns[f"step_{k}"], columns[f"step_{k}_error"] = found.value, found.error
         frames.append(pd.DataFrame(columns))
     return pd.concat(frames, ignore_index=True)
@@ -418,7 +423,7 @@ def draw_peaks(peaks: Peaks, steps: Sequence[int] | None = None) -> Figure:
     """The largest output radiance after every step, against the angle of incidence."""
     from albedo.plotting import add_legend
 
-    shown = range(len(peaks.found)) if steps is None else steps
+    shown = list(peaks.found) if steps is None else steps
     with style():
         figure, (axes,) = new_figure(1, 7.5, 3.6)
         for k, label, look in zip(shown, step_labels(shown), looks(len(shown)), strict=True):
