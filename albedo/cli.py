@@ -177,6 +177,24 @@ FixedOption = Annotated[str, typer.Option(metavar="light|view", help="The direct
 ComplementOption = Annotated[
     bool, typer.Option("--complement", help="One minus the albedo, without cancellation.")
 ]
+ControlOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="literal|cumulative",
+        help="Keep what each step, or what all together divide by from falling below "
+        "max(n.l, n.v).",
+        show_default="none",
+    ),
+]
+OutputOption = Annotated[
+    Path | None,
+    typer.Option(
+        "-o",
+        "--output",
+        help="Numbers (.csv) or a picture (.png, .svg, .pdf); with --plot the picture goes "
+        "beside the numbers.",
+    ),
+]
 FullOption = Annotated[
     bool, typer.Option("--full", help="Full fidelity, which may take long, instead of quick.")
 ]
@@ -709,15 +727,7 @@ def energy(
 def pump(
     model: ModelArgument,
     steps: Annotated[int, typer.Option(help="How often the model is pumped up.")] = 1,
-    control: Annotated[
-        str | None,
-        typer.Option(
-            metavar="literal|cumulative",
-            help="Keep what each step, or what all together divide by from falling below "
-            "max(n.l, n.v).",
-            show_default="none",
-        ),
-    ] = None,
+    control: ControlOption = None,
     cos: CosOption = None,
     theta: ThetaOption = None,
     rtol: RtolOption = 1e-8,
@@ -727,15 +737,7 @@ def pump(
     grazing: Annotated[
         bool, typer.Option("--grazing", help="Logarithmic axis in the cosine of the angle.")
     ] = False,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            help="Numbers (.csv) or a picture (.png, .svg, .pdf); with --plot the picture goes "
-            "beside the numbers.",
-        ),
-    ] = None,
+    output: OutputOption = None,
 ) -> None:
     """Pump a model up, and print its albedo before and after every step.
 
@@ -751,20 +753,10 @@ def pump(
 
     import albedo
     from albedo import plotting
-    from albedo.files import check_output, save_csv
+    from albedo.files import save_csv
     from albedo.grammar import parse
 
-    picture = Path("pump.png") if draw and output is None else None
-    numbers = None
-    if output is not None and output.suffix.lower() in plotting.SUFFIXES:
-        picture = output
-    elif output is not None:
-        numbers = output
-        picture = output.with_suffix(".png") if draw else None
-    if numbers is not None:
-        check_output(numbers, (".csv",))
-    if picture is not None:
-        check_output(picture, plotting.SUFFIXES)
+    numbers, picture = _outputs(output, draw, "pump.png")
     spec = parse(model)
     if spec.count > 1:
         raise InputError(f"pump takes one model; {spec} is a sweep of {spec.count}")
@@ -802,6 +794,140 @@ def pump(
             row.pop("part", None)
             row["model"] = f"step {row.pop('step')}"
         _print_rows(rows)
+
+
+@app.command()
+def radiance(
+    model: ModelArgument,
+    steps: Annotated[int, typer.Option(help="Pump the model up so often first.")] = 0,
+    control: ControlOption = None,
+    cos: CosOption = None,
+    theta: ThetaOption = None,
+    phi: Annotated[
+        float, typer.Option(metavar="DEGREES", help="Azimuth of the light, degrees.")
+    ] = 0.0,
+    draw: Annotated[
+        bool,
+        typer.Option("--plot", help="Draw the output radiance in the plane of incidence as well."),
+    ] = False,
+    output: OutputOption = None,
+) -> None:
+    """Print where the output radiance of a point source is largest, and how large.
+
+    The source's rays carry unit irradiance across them: the radiance is f(L, V) n.l in 1/sr. Dirac
+    parts are left out. The last columns are the radiance in the mirror direction and the angle
+    between the two.
+
+    \b
+    Examples:
+      albedo radiance cook_torrance:m=0.3 --theta 0,30,60,80
+      albedo radiance phong:n=20 --steps 5 --cos 0.5,0.1,0.01 -o phong.csv
+      albedo radiance ashikhmin_shirley:n_u=1000,n_v=10 --phi 30 --plot -o lobe.csv
+    """
+    import pandas as pd
+
+    import albedo
+    from albedo import plotting
+    from albedo.analysis.radiance import peak, plane_radiance
+    from albedo.files import save_csv
+    from albedo.grammar import parse
+
+    numbers, picture = _outputs(output, draw, "radiance.png")
+    spec = parse(model)
+    if steps == 0 and control is not None:
+        raise InputError("--control is how steps are kept; it goes with --steps.")
+    cosines, angles = _incidence(cos, theta, default="0,15,30,45,60,75,85,89")
+    rows: list[dict[str, Any]] = []
+    profiles = []
+    turn = _radians(phi)
+    total = spec.count * len(cosines)
+    with _warnings_as_lines(), _compiling(spec), _progress("searching", total) as advance:
+        for label, base in _labelled(spec):
+            for number, kind in enumerate(base.by_channel()):
+                lobe = albedo.pump(kind, steps, control) if steps else kind
+                named = label if kind is base else f"{label}, channel {number}"
+                for c, angle in zip(cosines.tolist(), angles.tolist(), strict=True):
+                    found = peak(lobe, c, turn)
+                    rows.append(_peak_row(named, steps, angle, c, phi, found))
+                    if picture is not None:
+                        view = plotting.view_grid(angle)
+                        drawn = plane_radiance(lobe, c, view, phi=turn)
+                        name = f"{named}, {angle:.6g}°" if spec.count > 1 else f"{angle:.6g}°"
+                        profiles.append((name, view, drawn))
+                    advance(min(len(rows), total), total)
+    if numbers is not None:
+        save_csv(pd.DataFrame(rows), numbers)
+        typer.echo(f"{numbers}: {len(rows)} peaks")
+    if picture is not None:
+        plotting.save_figure(plotting.draw_radiance(profiles, str(spec)), picture)
+        typer.echo(f"{picture}: {len(profiles)} curves")
+    if numbers is None:
+        _print_peaks(rows)
+
+
+def _peak_row(
+    label: str, steps: int, angle: float, cos_theta: float, phi: float, found: Any
+) -> dict[str, Any]:
+    import math
+
+    x, y = float(found.direction[0]), float(found.direction[1])
+    return {
+        "model": label,
+        "steps": steps,
+        "theta": angle,
+        "cos_theta": cos_theta,
+        "phi": phi,
+        "peak": found.value,
+        "peak_error": found.error,
+        "view_theta": math.degrees(math.atan2(math.hypot(x, y), found.cos_view)),
+        "view_phi": math.degrees(math.atan2(y, x)),
+        "direction_error": math.degrees(found.bracket),
+        "at_mirror": found.at_mirror,
+        "at_mirror_error": found.at_mirror_error,
+        "from_mirror": math.degrees(found.angle_from_mirror),
+    }
+
+
+def _print_peaks(rows: list[dict[str, Any]]) -> None:
+    from albedo.estimate import format_value
+
+    heads = ("model", "theta", "cos_theta", "largest radiance (bound)", "at theta", "at phi")
+    table = _new_table(*heads, "in mirror direction", "degrees from it", right=True)
+    last = None
+    for row in rows:
+        if last is not None and row["model"] != last:
+            table.add_section()
+        table.add_row(
+            "" if row["model"] == last else row["model"],
+            _short(row["theta"]),
+            _short(row["cos_theta"]),
+            format_value(row["peak"], row["peak_error"]),
+            f"{row['view_theta']:.4f}",
+            f"{row['view_phi']:.4f}",
+            format_value(row["at_mirror"], row["at_mirror_error"]),
+            "any" if row["direction_error"] > 90.0 else f"{row['from_mirror']:.4f}",
+        )
+        last = row["model"]
+    _print(table)
+
+
+def _outputs(output: Path | None, draw: bool, default: str) -> tuple[Path | None, Path | None]:
+    """Where numbers and a picture go: with a picture as output, or asked for beside numbers."""
+    from albedo import plotting
+    from albedo.files import check_output
+
+    picture = Path(default) if draw and output is None else None
+    numbers = None
+    if output is not None and output.suffix.lower() in plotting.SUFFIXES:
+        picture = output
+    elif output is not None:
+        numbers = output
+        picture = output.with_suffix(".png") if draw else None
+    if numbers is not None:
+        check_output(numbers, (".csv",))
+    if picture is not None:
+        check_output(picture, plotting.SUFFIXES)
+    return numbers, picture
 
 
 @app.command()

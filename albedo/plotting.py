@@ -32,11 +32,13 @@ __all__ = [
     "angle_grid",
     "color",
     "draw",
+    "draw_radiance",
     "grazing_grid",
     "measure",
     "new_figure",
     "save_figure",
     "style",
+    "view_grid",
 ]
 
 SUFFIXES = (".png", ".svg", ".pdf")
@@ -397,7 +399,73 @@ def draw_axes(
         axes.set_ylim(min(0.0, 1.05 * low), 1.05 * max(high, 1.0))
 
 
-def add_legend(figure: Figure, axes: Axes, extra: Sequence[Any] = ()) -> None:
+def view_grid(theta_deg: float) -> np.ndarray:
+    """Angles of views in a plane through the normal: even ones, and more about a direction.
+
+    Parameters
+    ----------
+    theta_deg : float
+        The direction in degrees.
+
+    Returns
+    -------
+    ndarray
+        Ascending angles to the normal in radians, between -pi/2 and pi/2.
+    """
+    import numpy as np
+
+    near = theta_deg + np.outer((-1.0, 1.0), np.geomspace(1e-4, 20.0, 120)).ravel()
+    angles = np.concatenate((np.arange(-89.5, 90.0, 0.5), near, [theta_deg]))
+    inside = np.unique(angles[np.abs(angles) < 89.999])
+    found: np.ndarray = np.radians(inside)
+    return found
+
+
+def draw_radiance(profiles: Sequence[tuple[str, np.ndarray, Estimate]], title: str) -> Figure:
+    """Draw output radiances in the plane of incidence.
+
+    Parameters
+    ----------
+    profiles : sequence of (str, ndarray, Estimate)
+        For each curve its label, angles of views in radians, and what
+        `albedo.analysis.radiance.plane_radiance` gives there.
+    title : str
+        What it is of.
+
+    Returns
+    -------
+    Figure
+        The figure; its axis of radiances is logarithmic where the curves differ by much.
+    """
+    import numpy as np
+
+    tops = [float(found.value.max()) for _, _, found in profiles]
+    with style():
+        figure, (axes,) = new_figure()
+        for number, (label, view, found) in enumerate(profiles):
+            axes.plot(
+                *(np.degrees(view), found.value),
+                color=_PALETTE[number % len(_PALETTE)],
+                linestyle=_DASHES[number % len(_DASHES)],
+                label=label,
+            )
+        if max(tops) > 20.0 * max(min(tops), 1e-300):
+            axes.set_yscale("log")
+            axes.set_ylim(max(min(tops), 1e-12 * max(tops)) / 100.0, 2.0 * max(tops))
+        else:
+            axes.set_ylim(0.0, 1.05 * max(tops))
+        axes.set_title(title, loc="left")
+        axes.set_xlim(-90.0, 90.0)
+        axes.set_xticks(np.arange(-90.0, 91.0, 30.0))
+        axes.set_xlabel("angle of the view in the plane of incidence (degrees)")
+        axes.set_ylabel("output radiance (1/sr)")
+        add_legend(figure, axes)
+    return figure
+
+
+def add_legend(
+    figure: Figure, axes: Axes, extra: Sequence[Any] = (), columns: int | None = None
+) -> None:
     """Put a legend below the panels, where it covers no data.
 
     Parameters
@@ -408,12 +476,14 @@ def add_legend(figure: Figure, axes: Axes, extra: Sequence[Any] = ()) -> None:
         The panel whose labelled lines are listed.
     extra : sequence of artists
         Further labelled artists.
+    columns : int, optional
+        How many stand side by side; as many as fit unless given.
     """
     handles = [*axes.get_legend_handles_labels()[0], *extra]
     longest = max((len(str(handle.get_label())) for handle in handles), default=0)
     # A character of the legend is about 0.072 inches wide; its line and its gaps take 0.65.
     fitting = int(figure.get_figwidth() / (0.072 * longest + 0.65))
-    columns = max(1, min(fitting, len(handles)))
+    columns = max(1, min(fitting, len(handles))) if columns is None else columns
     # The room for the legend is added below: the panels keep their size.
     figure.set_figheight(figure.get_figheight() + 0.21 * -(-len(handles) // columns))
     figure.legend(

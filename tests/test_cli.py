@@ -6,6 +6,7 @@ import csv
 import inspect
 import io
 import json
+import math
 import os
 import signal
 import subprocess
@@ -371,3 +372,41 @@ def test_pump_prints_every_step_and_writes_numbers_and_pictures(tmp_path: Path) 
 )
 def test_pump_refuses_in_one_sentence(arguments: tuple[str, ...], message: str) -> None:
     assert message in refused("pump", *arguments)
+
+
+def test_radiance_prints_peaks_and_writes_numbers_and_pictures(tmp_path: Path) -> None:
+    result = run("radiance", "lambert:rho=0.5", "--theta", "0,60")
+    assert result.exit_code == 0
+    # Every direction is as bright as any other.
+    assert "any" in result.stdout
+    assert "0.0795774715459(1)" in result.stdout
+    numbers = tmp_path / "phong.csv"
+    arguments = ("phong:n=20", "--steps", "2", "--control", "cumulative", "--cos", "0.5,0.1")
+    assert run("radiance", *arguments, "--phi", "30", "--plot", "-o", str(numbers)).exit_code == 0
+    with numbers.open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["cos_theta"] for row in rows] == ["0.5", "0.1"]
+    # Under control the lobe is never brighter than before at normal incidence.
+    for row in rows:
+        assert abs(float(row["peak"]) - 11.0 / math.pi) <= float(row["peak_error"])
+        assert float(row["from_mirror"]) == 0.0
+        assert abs(float(row["view_phi"]) + 150.0) <= 1e-12
+    assert (tmp_path / "phong.png").stat().st_size > 10_000
+    assert "∞" in run("radiance", "ward:m=0.2", "--theta", "60").stdout
+    picture = tmp_path / "sweep.svg"
+    sweep = ("ward_bounded:m=[.1,.3]", "--theta", "30,60", "-o", str(picture))
+    assert "4 curves" in run("radiance", *sweep).stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("phong_original", "--steps", "1"), "not symmetric"),
+        (("phong", "--control", "literal"), "goes with --steps"),
+        (("phong", "--cos", "0"), "cos_theta = 0.0 is out of range"),
+        (("phong", "--cos", "1", "--theta", "0"), "choose one"),
+        (("phong", "-o", "peaks.txt"), "peaks.txt"),
+    ],
+)
+def test_radiance_refuses_in_one_sentence(arguments: tuple[str, ...], message: str) -> None:
+    assert message in refused("radiance", *arguments)

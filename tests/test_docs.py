@@ -35,6 +35,7 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 PUMPING = (ROOT / "docs" / "pumping.md").read_text(encoding="utf-8")
 COUPLING = (ROOT / "docs" / "coupling.md").read_text(encoding="utf-8")
+RADIANCE = (ROOT / "docs" / "radiance.md").read_text(encoding="utf-8")
 
 _NUMBER = re.compile(r"(-?\d+(?:\.\d+)?)\((\d+)\)(?:e([+-]?\d+))?")
 
@@ -84,8 +85,8 @@ class Intervals(doctest.OutputChecker):
 
 @pytest.mark.parametrize(
     "text",
-    [README, CONTRIBUTING, PUMPING, COUPLING],
-    ids=["readme", "contributing", "pumping", "coupling"],
+    [README, CONTRIBUTING, PUMPING, COUPLING, RADIANCE],
+    ids=["readme", "contributing", "pumping", "coupling", "radiance"],
 )
 def test_python_snippets_print_what_is_shown(text: str) -> None:
     source = "\n".join(block for block in blocks(text, "python") if block.startswith(">>> "))
@@ -101,6 +102,7 @@ SHOWN = [
     *commands(README, "albedo plot"),
     *commands(README, "albedo energy"),
     *commands(README, "albedo pump"),
+    *commands(RADIANCE, "albedo radiance"),
 ]
 
 
@@ -148,7 +150,9 @@ def test_committed_results_are_what_their_manifest_says() -> None:
             assert hashlib.sha256((path.parent / name).read_bytes()).hexdigest() == digest, name
 
 
-@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", "reports/README.md"])
+@pytest.mark.parametrize(
+    "page", ["README.md", "CONTRIBUTING.md", "reports/README.md", "docs/radiance.md"]
+)
 def test_links_between_files_lead_somewhere(page: str) -> None:
     text = (ROOT / page).read_text(encoding="utf-8")
     targets = [target for target in re.findall(r"\]\(([^)\s]+)\)", text) if "://" not in target]

@@ -10,9 +10,10 @@ from steps import nystrom
 
 import albedo
 from albedo.brdf import Model
+from albedo.charts.heights import folded, unfolded
 from albedo.directions import spherical
 from albedo.errors import InputError
-from albedo.operators.divisor import Divisor, folded, unfolded
+from albedo.operators.divisor import Divisor
 
 EPS = np.finfo(float).eps
 PHONG = albedo.model("phong", n=20)

@@ -32,16 +32,27 @@ def fold(c, s):
 
 
 @kernel
-def _fold_all(c, y):
+def unfold(y):
+    """Cosine and sine of the polar angle at y."""
+    if y <= 0.0:
+        c = 0.5 * math.exp(y)
+        return c, math.sqrt((1.0 - c) * (1.0 + c))
+    return math.cos(LAST - y), math.sin(LAST - y)
+
+
+@kernel
+def _fold_all(c, s, y):
     for i in range(c.size):
-        y[i] = fold(c[i], math.sqrt(max((1.0 - c[i]) * (1.0 + c[i]), 0.0)))
+        y[i] = fold(c[i], s[i])
 
 
-def folded(c: np.ndarray) -> np.ndarray:
-    """The coordinate y of cosines of any shape."""
-    c = np.ascontiguousarray(c, dtype=np.float64)
+def folded(c: np.ndarray, s: np.ndarray | None = None) -> np.ndarray:
+    """The coordinate y of cosines of any shape, and of sines where they are known better."""
+    c = np.asarray(c, dtype=np.float64)
+    if s is None:
+        s = np.sqrt(np.maximum((1.0 - c) * (1.0 + c), 0.0))
     y = np.empty(c.size)
-    _fold_all(c.ravel(), y)
+    _fold_all(np.ascontiguousarray(c).ravel(), np.ascontiguousarray(s).ravel(), y)
     return y.reshape(c.shape)
 
 

@@ -1,9 +1,9 @@
 """What pumping-up divides by: albedos as functions of the height, and where their maxima change.
 
 A curve holds the logarithm of a directional albedo, so that products of albedos are sums and an
-error is relative; it is a Chebyshev series on every piece of the coordinate y. That is log(2 n.l)
-up to 60 degrees from the horizon, where a power law is a line, and pi/3 - theta beyond, because
-models in angles depend on theta at normal incidence.
+error is relative; it is a Chebyshev series on every piece of the coordinate y of
+`albedo.charts.heights`, in which a power law of n.l is a line. Below its first height an albedo is
+taken as it is there.
 """
 
 from __future__ import annotations
@@ -17,12 +17,10 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from albedo._compile import kernel
+from albedo.charts.heights import FIRST, LAST, LOWEST, fold, folded, unfold, unfolded
 
 ORDER = 16
 NODES = chebyshev.chebpts1(ORDER)
-# Below this cosine albedos are taken as they are there.
-LOWEST = 2.0**-64
-FIRST, LAST = math.log(2.0 * LOWEST), math.pi / 3.0
 # Samples of a piece in the search for extrema.
 _SAMPLES = 24
 # Steps of bisection: float64 has no use for more.
@@ -31,45 +29,6 @@ _BISECTIONS = 60
 CONTROLS = (None, "literal", "cumulative")
 """No control (NNS eq. 20); each step divides by max(a(L), a(V), n.l, n.v) (eq. 21 as it stands);
 or the product of all divisors never falls below max(n.l, n.v)."""
-
-
-@kernel
-def fold(c, s):
-    """The coordinate y of a direction, from cosine and sine of its polar angle."""
-    if c <= 0.5:
-        return math.log(2.0 * max(c, LOWEST))
-    return LAST - math.atan2(s, c)
-
-
-@kernel
-def unfold(y):
-    """Cosine and sine of the polar angle at y."""
-    if y <= 0.0:
-        c = 0.5 * math.exp(y)
-        return c, math.sqrt((1.0 - c) * (1.0 + c))
-    return math.cos(LAST - y), math.sin(LAST - y)
-
-
-@kernel
-def fold_all(c, s, y):
-    """Fill y, for flat arrays."""
-    for i in range(c.size):
-        y[i] = fold(c[i], s[i])
-
-
-def folded(c: np.ndarray, s: np.ndarray | None = None) -> np.ndarray:
-    """The coordinate y of cosines of any shape, and of sines where they are known better."""
-    c = np.asarray(c, dtype=np.float64)
-    if s is None:
-        s = np.sqrt(np.maximum((1.0 - c) * (1.0 + c), 0.0))
-    y = np.empty(c.size)
-    fold_all(np.ascontiguousarray(c).ravel(), np.ascontiguousarray(s).ravel(), y)
-    return y.reshape(c.shape)
-
-
-def unfolded(y: np.ndarray) -> np.ndarray:
-    """The cosine at y."""
-    return np.where(y <= 0.0, 0.5 * np.exp(np.minimum(y, 0.0)), np.cos(LAST - np.maximum(y, 0.0)))
 
 
 def straight(y: np.ndarray, low: float, high: float, bent: int) -> np.ndarray:

@@ -26,24 +26,12 @@ from numpy.polynomial import chebyshev
 
 from albedo.brdf import Model, Part
 from albedo.charts.cosine import CosineChart
+from albedo.charts.heights import FIRST, LAST, LOWEST, folded, unfolded
 from albedo.charts.polar import PolarChart
 from albedo.charts.rings import RingsChart
 from albedo.errors import InputError
 from albedo.integrators.cells import rules_by_order
-from albedo.operators.divisor import (
-    CONTROLS,
-    FIRST,
-    FLAT,
-    LAST,
-    LOWEST,
-    NODES,
-    ORDER,
-    Divisor,
-    LogCurve,
-    folded,
-    straight,
-    unfolded,
-)
+from albedo.operators.divisor import CONTROLS, FLAT, NODES, ORDER, Divisor, LogCurve, straight
 from albedo.operators.profiles import Profiles, Slices
 
 _EPS = np.finfo(np.float64).eps

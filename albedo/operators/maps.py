@@ -18,8 +18,9 @@ from numpy.polynomial import chebyshev
 
 from albedo._compile import kernel
 from albedo.brdf import Model
+from albedo.charts.heights import FIRST, LAST, LOWEST, fold, folded, unfolded
 from albedo.errors import InputError
-from albedo.operators.divisor import CONTROLS, FIRST, LAST, LOWEST, fold, folded, unfolded
+from albedo.operators.divisor import CONTROLS
 from albedo.quadrature import albedo_rows
 
 # Nodes along y and along the azimuth, and fresh points between them.

@@ -22,11 +22,12 @@ import numpy as np
 from albedo._compile import kernel
 from albedo.brdf import Model, Part
 from albedo.charts._compiled import clustered
+from albedo.charts.heights import LOWEST, fold, folded, unfold
 from albedo.charts.rings import RingsChart, elevation, stretched
 from albedo.integrators.adaptive import refine
 from albedo.integrators.cells import Cells, ModelIntegrand, judge, probe_cells, rules_by_order
 from albedo.integrators.rules import LADDER, gauss
-from albedo.operators.divisor import LOWEST, LogCurve, curve_at, fold, folded, unfold
+from albedo.operators.divisor import LogCurve, curve_at
 
 _TOP = LADDER[-1]
 _LIMIT = 400_000

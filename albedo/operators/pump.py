@@ -16,8 +16,9 @@ import numpy as np
 
 from albedo.brdf import Kernel, Model, Parameter, Part
 from albedo.charts._compiled import CompiledChart
+from albedo.charts.heights import LOWEST
 from albedo.errors import InputError
-from albedo.operators.divisor import CONTROLS, LOWEST
+from albedo.operators.divisor import CONTROLS
 from albedo.operators.ladder import Ladder, ladder, rings_of
 from albedo.operators.stages import Stages, stages
 

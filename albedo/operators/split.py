@@ -15,8 +15,8 @@ import numpy as np
 
 from albedo._compile import address, indirect, kernel
 from albedo.charts._compiled import CompiledChart, clustered
+from albedo.charts.heights import LOWEST
 from albedo.integrators.cells import NODES_TYPES
-from albedo.operators.divisor import LOWEST
 from albedo.operators.maps import Maps, albedos_at, changes_at
 
 _lay_out = indirect(NODES_TYPES)

@@ -1,0 +1,321 @@
+"""The studies of NNS figs. 3 to 6: what two models become, pumped up with and without control."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from albedo.analysis import pumping
+from albedo.estimate import format_value
+
+if TYPE_CHECKING:
+    from albedo.brdf import Model
+    from albedo.studies import Context
+
+STEPS = 5
+"""Steps that are drawn."""
+
+LIGHTS = (30.0, 60.0, 80.0)
+"""Angles of incidence, in degrees, at which radiances are drawn."""
+
+# What one would see of a highlight beside the mirror direction.
+SEEN = 1.01
+
+
+def recursive(context: Context, model: Model, name: str) -> None:
+    """NNS figs. 3 and 4: recursive pumping-up, and the claims N6 and N8.
+
+    Parameters
+    ----------
+    context : Context
+        Of the study.
+    model : Model
+        What is pumped up.
+    name : str
+        What it is called in sentences.
+    """
+    rtol = 1e-11 if context.full else 1e-10
+    steps = 2 * STEPS if context.full else STEPS
+    cosines = pumping.default_cosines(context.full)
+    data = pumping.series(model, steps, cosines=cosines, rtol=rtol, advance=context.progress)
+    peaks = pumping.find_peaks(data, _peak_cosines(context), context.progress)
+    radiance = pumping.radiance_frame(data, LIGHTS, 0.25 if context.full else 0.5)
+    shown = range(STEPS + 1)
+
+    gains = pumping.steps_frame(data)
+    context.table("steps", gains, "What each step gains at least and at most, and what is lost")
+    context.table("peaks", peaks.frame(), "The largest output radiance over all views, in 1/sr")
+    context.table("albedo", pumping.albedo_frame(data), "Albedo after each step")
+    context.table("radiance", radiance, "Output radiance in the plane of incidence, in 1/sr")
+    context.figure(
+        "albedo_figure",
+        pumping.draw_albedos(data, shown),
+        "Albedo after each step, in degrees and towards grazing incidence.",
+    )
+    context.figure(
+        "radiance_figure",
+        pumping.draw_radiance(radiance, shown),
+        "Output radiance in the plane of incidence; the grey line is the mirror direction.",
+    )
+    context.figure(
+        "peaks_figure",
+        pumping.draw_peaks(peaks, shown),
+        "The largest output radiance over all views, in units of the lobe's at normal incidence.",
+    )
+    _say_recursive(context, data, peaks)
+    _claim_recursive(context, data, peaks, name)
+
+
+def _peak_cosines(context: Context) -> np.ndarray:
+    """Every other one when it has to be quick."""
+    return pumping.PEAK_COSINES[:: 1 if context.full else 2]
+
+
+def _say_recursive(context: Context, data: pumping.Series, peaks: pumping.Peaks) -> None:
+    """The numbers in words."""
+    half = int(np.argmin(np.abs(data.cosines - 0.5)))
+    context.note(
+        "Albedo at 60 degrees: "
+        + ", ".join(format_value(data.value[k, half], data.error[k, half]) for k in range(6))
+        + " after 0 to 5 steps; in the limit of grazing incidence: "
+        + ", ".join(format_value(data.limit[k], data.limit_error[k]) for k in range(6))
+        + "."
+    )
+    theta = np.degrees(np.arccos(data.cosines))
+    near = int(np.argmin(np.abs(theta - 5.0)))
+    first = float(np.max(np.abs(data.value[:, 0] - 1.0) + data.error[:, 0]))
+    context.note(
+        f"At normal incidence every albedo is 1 (within {first:.0e}), so there both sides of "
+        "a ≤ a* ≤ 1 are equalities, and near it the differences are smaller than any bound: at "
+        f"{theta[near]:g}° what is lost after 0 to {STEPS} steps is "
+        + ", ".join(
+            format_value(1.0 - data.value[k, near], data.error[k, near]) for k in range(STEPS + 1)
+        )
+        + ". The claims are about angles from ten degrees on; the table says from where on each "
+        "step's differences are surely above 0."
+    )
+    for k in sorted({1, STEPS, data.steps}):
+        n, ratio, error = pumping.most(*peaks.relative(k))
+        m, gain, gain_error = pumping.most(*peaks.over_base(k))
+        context.note(
+            f"After {k} step{'s' if k > 1 else ''} the largest output radiance is "
+            f"{format_value(ratio, error)} times the lobe's at normal incidence, at "
+            f"{np.degrees(np.arccos(peaks.cosines[n])):.1f}°, and up to "
+            f"{format_value(gain, gain_error)} times what it was before any step, at "
+            f"{np.degrees(np.arccos(peaks.cosines[m])):.3f}°."
+        )
+
+
+def _claim_recursive(
+    context: Context, data: pumping.Series, peaks: pumping.Peaks, name: str
+) -> None:
+    """N6 for all steps together, N8 after the steps of the figure."""
+    inside = data.at(pumping.NEAR_NORMAL)
+    gains = [data.gain(k) for k in range(1, STEPS + 1)]
+    _, value, error = pumping.least(
+        np.concatenate([gain[inside] for gain, _ in gains]),
+        np.concatenate([bound[inside] for _, bound in gains]),
+    )
+    context.claim(
+        "N6",
+        f"Each of {STEPS} steps gains light: a < a*.",
+        value=value,
+        error=error,
+        criterion="> 0",
+        quantity="smallest a* - a of all steps, from 10 degrees to a cosine of 1e-6",
+    )
+    lost, bound = 1.0 - data.value[1 : STEPS + 1], data.error[1 : STEPS + 1]
+    _, value, error = pumping.least(lost[:, inside].ravel(), bound[:, inside].ravel())
+    context.claim(
+        "N6",
+        f"None of {STEPS} steps makes light: a* < 1.",
+        value=value,
+        error=error,
+        criterion="> 0",
+        quantity="smallest 1 - a* of all steps, from 10 degrees to a cosine of 1e-6",
+    )
+    _, value, error = pumping.most(*peaks.relative(STEPS))
+    context.claim(
+        "N8",
+        f"After {STEPS} steps the output radiance of {name} exceeds what an ideal mirror's would "
+        "be with the same blur.",
+        value=value,
+        error=error,
+        criterion="> 1",
+        quantity="largest output radiance over all angles, over that at normal incidence",
+    )
+    _, value, error = pumping.most(*peaks.beside_mirror(STEPS))
+    context.claim(
+        "N8",
+        f"After {STEPS} steps the largest output radiance of {name} lies beside the mirror "
+        "direction.",
+        value=value,
+        error=error,
+        criterion=f"> {SEEN}",
+        quantity="largest output radiance over that in the mirror direction, at worst",
+    )
+
+
+READINGS = {
+    "literal": "each step divides by max(a(L), a(V), N.L, N.V)",
+    "cumulative": "all steps together divide by no less than max(N.L, N.V)",
+}
+"""The two readings of controlled pumping-up, NNS eq. 21, in words."""
+
+# Of what is lost, the share that a step leaves when the albedo has come to its limit.
+ARRIVED = 0.99
+# What is lost is known when it is so many times its bound.
+KNOWN = 100.0
+
+
+def controlled(
+    context: Context, model: Model, name: str, worth: tuple[str, str], gains_from: int
+) -> None:
+    """NNS figs. 5 and 6: controlled pumping-up in both readings, and the claims N9 and N10.
+
+    Parameters
+    ----------
+    context : Context
+        Of the study.
+    model : Model
+        What is pumped up.
+    name : str
+        What it is called in sentences.
+    worth : tuple of str
+        How many steps are said to be worth it: in words, and as a criterion on the number of the
+        last step that raises the albedo visibly.
+    gains_from : int
+        The step from which on the largest gain is noted.
+    """
+    steps = 20 if context.full else STEPS - 1
+    found = {}
+    for control in READINGS:
+        cosines = pumping.default_cosines(context.full)
+        data = pumping.series(
+            model, steps, control, cosines=cosines, advance=_named(context, control)
+        )
+        peaks = pumping.find_peaks(data, _peak_cosines(context), _named(context, control))
+        found[control] = data, peaks
+        radiance = pumping.radiance_frame(data, LIGHTS, 0.25 if context.full else 0.5)
+        shown = range(STEPS)
+        context.table(
+            f"steps_{control}",
+            pumping.steps_frame(data),
+            f"What each step gains at least and at most, and what is lost: {control}",
+        )
+        context.table(
+            f"peaks_{control}",
+            peaks.frame(),
+            f"The largest output radiance over all views, in 1/sr: {control}",
+        )
+        context.table(
+            f"albedo_{control}", pumping.albedo_frame(data), f"Albedo after each step: {control}"
+        )
+        context.table(
+            f"radiance_{control}",
+            radiance,
+            f"Output radiance in the plane of incidence, in 1/sr: {control}",
+        )
+        context.figure(
+            f"albedo_{control}_figure",
+            pumping.draw_albedos(data, shown),
+            f"Albedo after each step where {READINGS[control]}.",
+        )
+        context.figure(
+            f"radiance_{control}_figure",
+            pumping.draw_radiance(radiance, shown),
+            f"Output radiance in the plane of incidence where {READINGS[control]}; the grey line "
+            "is the mirror direction.",
+        )
+    for control, (data, peaks) in found.items():
+        _say_controlled(context, data, peaks, control, gains_from)
+    for control, (data, peaks) in found.items():
+        _claim_controlled(context, data, peaks, name, control, worth)
+
+
+def _named(context: Context, control: str) -> pumping.Advance:
+    def advance(done: int, total: int, text: str) -> None:
+        context.progress(done, total, f"{control}, {text}")
+
+    return advance
+
+
+def _say_controlled(
+    context: Context,
+    data: pumping.Series,
+    peaks: pumping.Peaks,
+    control: str,
+    gains_from: int,
+) -> None:
+    half = int(np.argmin(np.abs(data.cosines - 0.5)))
+    shown = range(min(STEPS, data.steps) + 1)
+    last, doubt = pumping.worthwhile(data)
+    late = [
+        pumping.most(*data.gain(k, gains_from - 1))[1:] for k in range(gains_from, data.steps + 1)
+    ]
+    gain, error = max(late)
+    context.note(
+        f"{control.capitalize()}, where {READINGS[control]}: the albedo at 60 degrees is "
+        + ", ".join(format_value(data.value[k, half], data.error[k, half]) for k in shown)
+        + f" after 0 to {shown[-1]} steps, and "
+        + format_value(data.value[-1, half], data.error[-1, half])
+        + f" after {data.steps}; in the limit of grazing incidence it is "
+        + ", ".join(format_value(data.limit[k], data.limit_error[k]) for k in shown)
+        + f", and {format_value(data.limit[-1], data.limit_error[-1])}. The last step that raises "
+        f"it anywhere by more than {pumping.VISIBLE:g} is number {last}"
+        + ("" if not doubt else f" or one of the {doubt} after it")
+        + (
+            f" of {data.steps}. After step {gains_from - 1} it rises by at most "
+            f"{format_value(gain, error)} more in all."
+        )
+    )
+
+
+def _claim_controlled(
+    context: Context,
+    data: pumping.Series,
+    peaks: pumping.Peaks,
+    name: str,
+    control: str,
+    worth: tuple[str, str],
+) -> None:
+    reading = f"({control}: {READINGS[control]})"
+    relative = [peaks.relative(k) for k in peaks.found if k > 0]
+    _, value, error = pumping.most(
+        np.concatenate([ratio for ratio, _ in relative]),
+        np.concatenate([bound for _, bound in relative]),
+    )
+    context.claim(
+        "N9",
+        f"The output radiance of {name} never exceeds that of an ideal mirror with the same blur "
+        f"{reading}.",
+        value=value,
+        error=error,
+        criterion=pumping.at_most(1.0),
+        quantity=f"largest output radiance after up to {data.steps} steps, over the base's at "
+        "normal incidence",
+    )
+    half = int(np.argmin(np.abs(data.cosines - 0.5)))
+    lost, doubts = 1.0 - data.value[:, half], data.error[:, half]
+    # The last step at which what is lost is known at all.
+    k = int(np.flatnonzero(lost > KNOWN * doubts)[-1])
+    share = float(lost[k] / lost[k - 1])
+    context.claim(
+        "N10",
+        f"The albedo of {name} converges to a limit below 1 {reading}.",
+        value=share,
+        error=float((doubts[k] + share * doubts[k - 1]) / (lost[k - 1] - doubts[k - 1])),
+        criterion=f"> {ARRIVED}",
+        quantity=f"share of 1 - a at 60 degrees that step {k} of {data.steps} leaves",
+    )
+    last, doubt = pumping.worthwhile(data)
+    context.claim(
+        "N10",
+        f"{worth[0]} {reading}.",
+        value=float(last),
+        error=float(doubt),
+        criterion=worth[1],
+        quantity=f"last of {data.steps} steps that raises the albedo anywhere by more than "
+        f"{pumping.VISIBLE:g}",
+    )

@@ -1,0 +1,267 @@
+"""Where does pumping-up lead, how fast, and from which models may it start?
+
+The paper says that recursive pumping-up converges to an albedo of 1, that a* lies between a and 1,
+and that the first step turns any symmetric function into a BRDF that conserves energy.
+
+Convergence is measured where it is slowest: by the largest 1 - a over all angles up to a cosine of
+0.01, up to 1e-6, and in the limit of grazing incidence. A power of the number of steps is read off
+the last doubling of that number.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+import albedo
+from albedo import plotting
+from albedo.analysis import pumping
+from albedo.estimate import format_value
+from albedo.grammar import parse
+from albedo.studies import Study
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from albedo.studies import Context
+
+STUDY = Study(
+    name="nns_convergence",
+    title="What pumping-up converges to",
+    paper="Neumann, Neumann, Szirmay-Kalos, Reflectance Models by Pumping up the Albedo Function",
+    claims=("N5", "N6", "N7"),
+)
+
+PUMPED = (("phong", "Phong, n = 20", "phong:n=20"), ("blinn", "Blinn, n = 20", "blinn:n=20"))
+RANGES = (("cos_0.01", "cosines from 0.01 on", 0.01), ("cos_1e-6", "cosines from 1e-6 on", 0.0))
+# Models that make light somewhere.
+BRIGHT = (
+    ("Ward, m = 0.1", "ward:m=0.1"),
+    ("Ward, m = 0.4", "ward:m=0.4"),
+    ("Cook-Torrance without masking, m = 0.1", "cook_torrance:m=0.1,geometry=none"),
+    ("Cook-Torrance without masking, m = 0.4", "cook_torrance:m=0.4,geometry=none"),
+)
+KERNELS, SIZE = 200, 60
+RANDOM = 20240229
+
+
+def run(context: Context) -> None:
+    """Convergence, gains for many exponents, and first steps of what makes light."""
+    converge(context)
+    gains(context)
+    first_steps(context)
+
+
+def grid(context: Context) -> np.ndarray:
+    """Cosines of incidence, descending."""
+    degrees = np.cos(np.radians(np.arange(0.0, 89.0, 1.0 if context.full else 2.0)))
+    return np.unique(np.append(degrees, plotting.grazing_grid(1e-6, 12 if context.full else 6)))[
+        ::-1
+    ]
+
+
+def converge(context: Context) -> None:
+    """The largest 1 - a after each step (N7)."""
+    steps = 32 if context.full else 6
+    rows: list[dict[str, Any]] = []
+    powers: dict[str, dict[str, tuple[float, float]]] = {}
+    for column, label, spec in PUMPED:
+        data = pumping.series(
+            parse(spec).model(), steps, cosines=grid(context), advance=context.progress
+        )
+        own = [worst(data, k) for k in range(steps + 1)]
+        rows += [{"model": label, "step": k, **row} for k, row in enumerate(own)]
+        powers[column] = {
+            key: power(own, key, steps) for key in (*(key for key, _, _ in RANGES), "limit")
+        }
+    frame = pd.DataFrame(rows)
+    context.table("convergence", frame, "The largest 1 - a after each step")
+    context.figure(
+        "convergence_figure",
+        draw(frame),
+        "The largest 1 - a against the number of steps; grey: its inverse.",
+    )
+    for column, label, _ in PUMPED:
+        last = frame[(frame["model"] == label) & (frame["step"] == steps)].iloc[0]
+        context.note(
+            f"{label}, after {steps} steps: at most "
+            + ", ".join(
+                f"{format_value(last[key], last[f'{key}_error'])} is lost {where} "
+                f"(falling as k^-{format_value(*powers[column][key])})"
+                for key, where in (
+                    ("cos_0.01", "at cosines from 0.01 on"),
+                    ("cos_1e-6", "from 1e-6 on"),
+                    ("limit", "in the limit of grazing incidence"),
+                )
+            )
+            + "."
+        )
+        for key, where in (
+            ("cos_0.01", "at cosines of incidence from 0.01 on"),
+            ("limit", "even in the limit of grazing incidence"),
+        ):
+            value, error = powers[column][key]
+            context.claim(
+                "N7",
+                f"Recursive pumping-up of {label} converges to an albedo of 1 {where}.",
+                value=value,
+                error=error,
+                criterion="> 0.5",
+                quantity=f"p, where the largest 1 - a falls as k^-p from {steps // 2} to {steps} "
+                "steps",
+            )
+
+
+def worst(data: pumping.Series, step: int) -> dict[str, float]:
+    """The largest 1 - a of a step over each range of cosines, and in the limit."""
+    row = {}
+    for key, _, lowest in RANGES:
+        inside = data.cosines >= lowest
+        k, value, error = pumping.most(1.0 - data.value[step, inside], data.error[step, inside])
+        row[key], row[f"{key}_error"] = value, error
+        row[f"{key}_at_deg"] = math.degrees(math.acos(data.cosines[k]))
+    row["limit"], row["limit_error"] = 1.0 - data.limit[step], data.limit_error[step]
+    return row
+
+
+def power(rows: list[dict[str, float]], key: str, steps: int) -> tuple[float, float]:
+    """The power of k with which a number falls over the last doubling, and a bound."""
+    half, last = rows[steps // 2], rows[steps]
+    error = sum(row[f"{key}_error"] / row[key] for row in (half, last))
+    return math.log2(half[key] / last[key]), error / math.log(2.0)
+
+
+def gains(context: Context) -> None:
+    """What every step gains and leaves, for many exponents (N6)."""
+    steps = 5 if context.full else 2
+    exponents = np.geomspace(1.0, 1e4, 13 if context.full else 3)
+    rows = []
+    for done, n in enumerate(exponents):
+        context.progress(done, len(exponents), f"gains for n = {n:g}")
+        data = pumping.series(albedo.model("phong", n=n), steps, cosines=grid(context))
+        table = pumping.steps_frame(data)
+        table.insert(0, "n", n)
+        rows.append(table)
+    frame = pd.concat(rows, ignore_index=True)
+    context.table("gains", frame, "Phong, recursively: what each step gains and what is lost")
+    for key, statement, quantity in (
+        ("smallest_gain", "every step gains light: a < a*", "smallest a* - a"),
+        ("smallest_loss", "no step makes light: a* < 1", "smallest 1 - a*"),
+    ):
+        _, value, error = pumping.least(frame[key].to_numpy(), frame[f"{key}_error"].to_numpy())
+        context.claim(
+            "N6",
+            f"Phong with n from 1 to 10,000: {statement}.",
+            value=value,
+            error=error,
+            criterion="> 0",
+            quantity=f"{quantity} of {steps} steps, from 10 degrees to a cosine of 1e-6",
+        )
+
+
+def first_steps(context: Context) -> None:
+    """What the first step makes of models that make light, and of random kernels (N5)."""
+    rows = []
+    cosines = grid(context)
+    bright = BRIGHT if context.full else BRIGHT[::2]
+    for done, (label, spec) in enumerate(bright):
+        context.progress(done, len(bright), label)
+        model = parse(spec).model()
+        before = albedo.directional_albedo(model, cosines, rtol=1e-8)
+        after = albedo.directional_albedo(albedo.pump(model, 1), cosines, rtol=1e-8)
+        high, highest, error = pumping.most(before.value, before.error)
+        k, value, bound = pumping.most(after.value, after.error)
+        rows.append(
+            {
+                "model": label,
+                "before": highest,
+                "before_error": error,
+                "before_at_cos": cosines[high],
+                "after": value,
+                "after_error": bound,
+                "after_at_cos": cosines[k],
+            }
+        )
+    before_all, value, bound = random_kernels()
+    rows.append(
+        {
+            "model": f"{KERNELS} random symmetric kernels on {SIZE} heights",
+            "before": before_all,
+            "before_error": SIZE * np.finfo(float).eps * before_all,
+            "before_at_cos": math.nan,
+            "after": value,
+            "after_error": bound,
+            "after_at_cos": math.nan,
+        }
+    )
+    frame = pd.DataFrame(rows)
+    context.table(
+        "first_step", frame, "The largest albedo at cosines from 1e-6 on, before and after a step"
+    )
+    for row in rows:
+        context.claim(
+            "N5",
+            "The first step makes a symmetric function conserve energy: "
+            f"{row['model']}, whose albedo is up to {row['before']:.4g}.",
+            value=row["after"],
+            error=row["after_error"],
+            criterion=pumping.at_most(1.0),
+            quantity="largest albedo after one step",
+        )
+
+
+def random_kernels() -> tuple[float, float, float]:
+    """Largest albedo before and after a step of random kernels on a grid, and a bound.
+
+    On a grid albedos are sums, and the step is exact but for rounding.
+    """
+    generator = np.random.default_rng(RANDOM)
+    weights = np.full(SIZE, 1.0 / SIZE)
+    before = after = 0.0
+    for _ in range(KERNELS):
+        # Over ten decades, so that albedos are very different.
+        kernel = 10.0 ** generator.uniform(-5.0, 5.0, (SIZE, SIZE))
+        kernel = np.maximum(kernel, kernel.T)
+        value = kernel @ weights
+        divided = kernel / np.maximum(value[:, None], value[None, :])
+        before = max(before, float(value.max()))
+        after = max(after, float((divided @ weights).max()))
+    return before, after, 2.0 * (SIZE + 2) * np.finfo(float).eps
+
+
+def draw(frame: pd.DataFrame) -> Figure:
+    """The largest 1 - a against the number of steps."""
+    with plotting.style():
+        figure, (axes,) = plotting.new_figure(1, 6.5, 3.8)
+        for column, label, _ in PUMPED:
+            rows = frame[(frame["model"] == label) & (frame["step"] > 0)]
+            for key, what, line in (
+                ("cos_0.01", "cos θ ≥ 0.01", (0, (6, 2))),
+                ("limit", "grazing limit", "-"),
+            ):
+                axes.plot(
+                    *(rows["step"], rows[key]),
+                    color=plotting.color(column),
+                    linestyle=line,
+                    marker="o",
+                    markersize=3.0,
+                    label=f"{label}: {what}",
+                )
+        steps = np.array([1.0, float(frame["step"].max())])
+        axes.plot(steps, 0.6 / steps, color="#888888", linewidth=0.9, zorder=1.5)
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        axes.set_xlabel("steps k")
+        axes.set_ylabel("largest 1 - albedo")
+        marks = sorted({*(k for k in (1, 2, 4, 8, 16) if k < steps[1]), int(steps[1])})
+        axes.set_xticks(marks, [str(k) for k in marks])
+        low = float(frame[frame["step"] > 0]["cos_0.01"].min())
+        heights = [y for y in (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0) if y > 0.8 * low]
+        axes.set_yticks(heights, [f"{y:g}" for y in heights])
+        axes.set_ylim(0.8 * low, 1.05)
+        axes.minorticks_off()
+        plotting.add_legend(figure, axes, columns=2)
+    return figure

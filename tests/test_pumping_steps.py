@@ -1,0 +1,70 @@
+"""What the studies of pumping-up make their claims of."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import albedo
+from albedo.analysis import pumping
+
+
+@pytest.fixture(scope="module")
+def steps() -> pumping.Series:
+    cosines = np.array([1.0, 0.9, 0.5, 0.1, 1e-3])
+    return pumping.series(albedo.model("phong", n=20), 2, cosines=cosines)
+
+
+def test_a_series_holds_the_albedos_of_its_stages(steps: pumping.Series) -> None:
+    assert steps.steps == 2
+    for k, stage in enumerate(steps.stages):
+        found = albedo.directional_albedo(stage, steps.cosines)
+        assert np.all(np.abs(found.value - steps.value[k]) <= found.error + steps.error[k])
+        end = albedo.directional_albedo(stage, 1e-12)
+        assert abs(end.value - steps.limit[k]) <= end.error + steps.limit_error[k]
+    gain, error = steps.gain(2, 0)
+    np.testing.assert_allclose(gain, steps.value[2] - steps.value[0], rtol=0, atol=0)
+    np.testing.assert_allclose(error, steps.error[2] + steps.error[0], rtol=0, atol=0)
+
+
+def test_tables_of_a_series(steps: pumping.Series) -> None:
+    gains = pumping.steps_frame(steps)
+    # The first of the angles from ten degrees on is at a cosine of 0.9, and that gains least.
+    assert np.all(gains["smallest_gain"] > gains["smallest_gain_error"])
+    assert gains["smallest_gain_at_deg"][0] == pytest.approx(math.degrees(math.acos(0.9)))
+    assert gains["above_0_from_deg"][0] == pytest.approx(math.degrees(math.acos(0.9)))
+    assert list(pumping.albedo_frame(steps).columns[:4]) == [
+        "theta_deg",
+        "cos_theta",
+        "step_0",
+        "step_0_error",
+    ]
+    assert pumping.worthwhile(steps) == (2, 0)
+    assert pumping.worthwhile(steps, 0.99) == (0, 0)
+
+
+def test_peaks_are_told_in_units_of_the_base(steps: pumping.Series) -> None:
+    peaks = pumping.find_peaks(steps, np.array([1.0, 0.5, 0.1]))
+    ratio, error = peaks.relative(0)
+    assert np.all(np.abs(ratio - [1.0, 0.5, 0.1]) <= error)
+    # The first step divides by the albedo, which is the cosine but for what the horizon cuts off.
+    ratio, error = peaks.relative(1)
+    known = np.array([1.0, 0.5, 0.1]) / steps.value[0, [0, 2, 3]]
+    assert np.all(np.abs(ratio - known) <= error + 2.0 * steps.error[0, [0, 2, 3]] * known / 0.1)
+    assert np.all(peaks.beside_mirror(2)[0] == 1.0)
+    assert len(peaks.frame()) == 9
+
+
+def test_what_equals_a_limit_holds_within_its_bound() -> None:
+    rule = pumping.at_most(1.0)
+    assert rule.judge(0.9, 0.01) == "holds"
+    assert rule.judge(1.0, 1e-9).startswith("holds within the bound")
+    assert rule.judge(1.1, 0.01) == "fails"
+
+
+def test_the_worst_of_many_is_so_within_its_bound() -> None:
+    value, error = np.array([0.3, 0.2, 0.25]), np.array([0.0, 0.0, 0.1])
+    assert pumping.least(value, error) == (2, 0.25, 0.1)
+    assert pumping.most(value, error) == (2, 0.25, 0.1)
