@@ -730,7 +730,13 @@ def pump(
     control: ControlOption = None,
     cos: CosOption = None,
     theta: ThetaOption = None,
-    rtol: RtolOption = 1e-8,
+    phi: Annotated[
+        float, typer.Option(metavar="DEGREES", help="Azimuth of the light, degrees.")
+    ] = 0.0,
+    rtol: Annotated[
+        float | None,
+        typer.Option(help="Relative error asked for; by default 1e-8, or what tables can give."),
+    ] = None,
     draw: Annotated[
         bool, typer.Option("--plot", help="Draw the albedos of all steps as well.")
     ] = False,
@@ -741,7 +747,9 @@ def pump(
 ) -> None:
     """Pump a model up, and print its albedo before and after every step.
 
-    The model must be symmetric in both directions, and isotropic; it need not conserve energy.
+    The model must be symmetric in both directions; it need not conserve energy. Where it is
+    anisotropic, or has lobes elsewhere than about the mirror direction, each step is a table of
+    its own, and takes minutes rather than milliseconds.
 
     \b
     Examples:
@@ -765,18 +773,20 @@ def pump(
         raise InputError(f"pump takes one channel; {spec} has {base.channels}")
     cosines, angles = _incidence(cos, theta, default="0,15,30,45,60,75,85,89")
     whole = albedo.pump(base, steps, control)
+    goal = whole.usual_rtol if rtol is None else rtol
+    azimuth = _radians(phi)
     stages = [albedo.pump(base, k, control) for k in range(whole.steps)] + [whole]
     rows: list[dict[str, Any]] = []
     curves = []
     grid = plotting.grazing_grid() if grazing else plotting.angle_grid()
     with _warnings_as_lines(), _compiling(spec), _progress("pumping", len(stages)) as advance:
         for k, stage in enumerate(stages):
-            found = albedo.directional_albedo(stage, cosines, rtol=rtol)
-            for row in _rows(str(spec), None, "albedo", found, cosines, angles, 0.0):
+            found = albedo.directional_albedo(stage, cosines, azimuth, rtol=goal)
+            for row in _rows(str(spec), None, "albedo", found, cosines, angles, phi):
                 if row.get("part", "total") == "total":
                     rows.append({"model": row.pop("model"), "step": k, **row})
             if picture is not None:
-                drawn = albedo.directional_albedo(stage, grid, rtol=1e-6)
+                drawn = albedo.directional_albedo(stage, grid, azimuth, rtol=max(goal, 1e-6))
                 label = f"{spec}, {k} step{'' if k == 1 else 's'}"
                 swept = ("steps", float(k))
                 curves.append(

@@ -362,16 +362,23 @@ def test_pump_prints_every_step_and_writes_numbers_and_pictures(tmp_path: Path) 
     ("arguments", "message"),
     [
         (("phong_original",), "not symmetric"),
-        (("ward:alpha_x=0.1,alpha_y=0.3",), "anisotropic"),
         (("phong", "--steps", "-1"), "steps = -1 is out of range"),
         (("phong", "--control", "soft"), "control = 'soft' is unknown"),
         (("phong:n=[1,2]",), "takes one model"),
         (("phong", "-o", "albedo.txt"), "albedo.txt"),
-        (("lafortune_scaled",), "mirror direction"),
     ],
 )
 def test_pump_refuses_in_one_sentence(arguments: tuple[str, ...], message: str) -> None:
     assert message in refused("pump", *arguments)
+
+
+def test_pump_takes_anisotropic_models_and_lobes_anywhere() -> None:
+    elliptic = run("pump", "ward:alpha_x=0.4,alpha_y=0.2", "--cos", "0.5", "--phi", "40")
+    scaled = run("pump", "lafortune_scaled", "--cos", "0.5,0.01")
+    for done in (elliptic, scaled):
+        assert done.exit_code == 0
+        assert "step 1" in done.output
+        assert "NO" not in done.output
 
 
 def test_radiance_prints_peaks_and_writes_numbers_and_pictures(tmp_path: Path) -> None:

@@ -131,12 +131,20 @@ class Pumped(Model):
         return self.base.isotropic and all(_is_ring(part) for part in self.base.parts())
 
     @property
+    def usual_rtol(self) -> float:
+        """The relative error that its albedos reach by default."""
+        return 1e-8 if self._in_rings else 10.0 * self._of_tables
+
+    @property
+    def _of_tables(self) -> float:
+        usual = _OF_TABLES if self.base.isotropic else _OF_TURNED_TABLES
+        return usual if self.rtol is None else self.rtol
+
+    @property
     def _steps(self) -> Ladder | Stages:
         """The albedos before every step, computed once for all models that read them."""
         if not self._in_rings:
-            usual = _OF_TABLES if self.base.isotropic else _OF_TURNED_TABLES
-            rtol = usual if self.rtol is None else self.rtol
-            return stages(self.base, self.control, rtol, _of_stage)
+            return stages(self.base, self.control, self._of_tables, _of_stage)
         found = ladder(self.base, self.control, _OF_CURVES if self.rtol is None else self.rtol)
         while len(found.curves) < self.steps:
             found.step()
