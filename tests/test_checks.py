@@ -217,3 +217,14 @@ def test_tables_of_a_function_have_no_parameters_to_sweep() -> None:
     np.testing.assert_allclose(found["value"].values.ravel(), 0.1 * np.pi, rtol=1e-6)
     with pytest.raises(InputError, match="is a function and has no parameter 'm'"):
         albedo.table(grey, [0.5], sweep={"m": [0.1]})
+
+
+def test_what_operators_make_is_checked_like_any_other() -> None:
+    """Energy, reciprocity, densities: a pumped model has charts and samples of its own."""
+    for model in (
+        albedo.pump(albedo.model("phong", n=20), 2),
+        albedo.pump(albedo.model("lafortune_scaled"), 1, rtol=1e-4),
+        albedo.couple(albedo.model("phong", n=20)),
+    ):
+        found = check(model)
+        assert all(result.passed is not False for result in found), model.spec

@@ -323,7 +323,7 @@ def above_horizon(
 
         result = integrate(
             *(part.chart, over_cosine, np.array([cos_theta]), np.array([phi])),
-            *(np.array([part.widths]), False),
+            *(np.array([part.widths]), model.isotropic),
             rtol=rtol,
             atol=0.0,
             limit=400_000,

@@ -32,6 +32,14 @@ def fold(c, s):
 
 
 @kernel
+def fold_vector(x, y, z):
+    """The coordinate y of a unit vector; its tangential part is read only where it matters."""
+    if z <= 0.5:
+        return math.log(2.0 * max(z, LOWEST))
+    return LAST - math.atan2(math.sqrt(x * x + y * y), z)
+
+
+@kernel
 def unfold(y):
     """Cosine and sine of the polar angle at y."""
     if y <= 0.0:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from albedo._compile import kernel
-from albedo.charts.heights import FIRST, LAST, LOWEST, fold, folded, unfold, unfolded
+from albedo.charts.heights import FIRST, LAST, LOWEST, fold_vector, folded, unfold, unfolded
 
 ORDER = 16
 NODES = chebyshev.chebpts1(ORDER)
@@ -62,10 +62,15 @@ def curve_at(y, edges, bent, coefficients, first, last):
         u = 1.0 - 2.0 * math.sqrt((b - y) / (b - a))
     else:
         u = ((y - a) - (b - y)) / (b - a)
-    value = before = 0.0
-    for k in range(coefficients.shape[1] - 1, 0, -1):
-        value, before = 2.0 * u * value - before + coefficients[low, k], value
-    return u * value - before + coefficients[low, 0]
+    # Even and odd terms apart, T_2k(u) = T_k(w) and T_2k+1(u) = u V_k(w) with w = 2 u^2 - 1: two
+    # sums of Clenshaw's that do not wait for each other.
+    twice = 4.0 * u * u - 2.0
+    even = even_before = odd = odd_before = 0.0
+    for k in range(coefficients.shape[1] // 2 - 1, 0, -1):
+        even, even_before = twice * even + (coefficients[low, 2 * k] - even_before), even
+        odd, odd_before = twice * odd + (coefficients[low, 2 * k + 1] - odd_before), odd
+    final = twice * odd + (coefficients[low, 1] - odd_before)
+    return 0.5 * twice * even + (coefficients[low, 0] - even_before) + u * (final - odd)
 
 
 @kernel
@@ -204,7 +209,7 @@ def _divide(wi, wo, edges, bent, coefficients, starts, control, known, out):
     steps = starts.size - 1
     for k in range(out.shape[0]):
         lz = wi[2, k]
-        y_l = fold(lz, math.hypot(wi[0, k], wi[1, k]))
+        y_l = fold_vector(wi[0, k], wi[1, k], lz)
         l_l = math.log(max(lz, LOWEST))
         for j in range(steps):
             known[j] = curve_at(y_l, edges, bent, coefficients, starts[j], starts[j + 1] - 1)
@@ -212,7 +217,7 @@ def _divide(wi, wo, edges, bent, coefficients, starts, control, known, out):
             vz = wo[2, k, i]
             if not vz > 0.0:
                 continue
-            y = fold(vz, math.hypot(wo[0, k, i], wo[1, k, i]))
+            y = fold_vector(wo[0, k, i], wo[1, k, i], vz)
             height = math.log(max(vz, LOWEST)) if control != 0 else 0.0
             total = 0.0
             for j in range(steps):

@@ -18,7 +18,7 @@ from numpy.polynomial import chebyshev
 
 from albedo._compile import kernel
 from albedo.brdf import Model
-from albedo.charts.heights import FIRST, LAST, LOWEST, fold, folded, unfolded
+from albedo.charts.heights import FIRST, LAST, LOWEST, fold_vector, folded, unfolded
 from albedo.errors import InputError
 from albedo.operators.divisor import CONTROLS
 from albedo.quadrature import albedo_rows
@@ -305,7 +305,7 @@ def _sizes(series: np.ndarray, error: np.ndarray) -> np.ndarray:
 @kernel
 def albedos_at(x, y, z, roots, quarter, axis, split, child, box, size, series, out):
     """Fill the logarithms of the albedos of all steps for one direction."""
-    height = fold(z, math.hypot(x, y))
+    height = fold_vector(x, y, z)
     fourth, turn = 0.0, 0.0
     if series.shape[2] > 1:
         fourth = math.atan2(abs(y), abs(x))
@@ -328,10 +328,10 @@ def albedos_at(x, y, z, roots, quarter, axis, split, child, box, size, series, o
         for m in range(size[k, 0] - 1, -1, -1):
             inner = last = 0.0
             for n in range(size[k, 1] - 1, 0, -1):
-                inner, last = v * inner - last + series[k, m, n], inner
+                inner, last = v * inner + (series[k, m, n] - last), inner
             own = 0.5 * v * inner - last + series[k, m, 0]
             if m > 0:
-                total, before = u * total - before + own, total
+                total, before = u * total + (own - before), total
         out[j] = 0.5 * u * total - before + own
 
 
