@@ -228,3 +228,28 @@ def test_tables_end_where_the_albedo_has_no_limit() -> None:
 def test_bad_input(make: object, message: str) -> None:
     with pytest.raises(InputError, match=message):
         make()  # type: ignore[operator]
+
+
+# Their albedos jump where orders pass the horizon and where cylinders hide each other: no series
+# follows that, and bounds say so.
+JUMPS = ("poulin_fournier", "stam_grating")
+SYMMETRIC = [name for name in albedo.models() if albedo.model(name).reciprocal]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name in SYMMETRIC if name not in JUMPS])
+def test_no_step_makes_light_of_any_model(name: str) -> None:
+    """a* <= 1 for every symmetric model, whatever its albedo was (NNS sect. 3)."""
+    model = albedo.pump(albedo.model(name), 1)
+    found = albedo.directional_albedo(model, COSINES[:-1], 0.4, rtol=model.usual_rtol)
+    assert np.all(found.value <= 1.0 + found.error)
+    assert np.all(found.error <= 1e-2 * found.value)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", JUMPS)
+def test_albedos_that_jump_have_wide_bounds(name: str) -> None:
+    model = albedo.pump(albedo.model(name), 1)
+    with pytest.warns(albedo.ConvergenceWarning):
+        found = albedo.directional_albedo(model, COSINES[:-1], 0.4, rtol=model.usual_rtol)
+    assert np.all(found.error > 0.1 * found.value)
