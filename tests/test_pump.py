@@ -253,3 +253,19 @@ def test_albedos_that_jump_have_wide_bounds(name: str) -> None:
     with pytest.warns(albedo.ConvergenceWarning):
         found = albedo.directional_albedo(model, COSINES[:-1], 0.4, rtol=model.usual_rtol)
     assert np.all(found.error > 0.1 * found.value)
+
+
+@cases
+def test_albedos_of_steps_are_had_without_integrals(
+    base: Model, control: str | None, steps: int
+) -> None:
+    model = albedo.pump(base, steps + 1, control)
+    for k in range(steps + 1):
+        read = model.albedo_before(k, COSINES)
+        known = albedo.directional_albedo(albedo.pump(base, k, control), COSINES)
+        assert np.all(np.abs(read.value - known.value) <= read.error + known.error)
+        assert np.all(read.error <= 1e-8 * read.value)
+    with pytest.raises(InputError, match="step = "):
+        model.albedo_before(steps + 1, COSINES)
+    with pytest.raises(InputError, match="cos_theta must lie"):
+        model.albedo_before(0, np.array([0.0]))

@@ -115,12 +115,14 @@ def series(
     """
     cosines = default_cosines() if cosines is None else cosines
     stages = tuple(pump(base, k, control, rtol=rtol) for k in range(steps + 1))
+    # The step after the last one has them all.
+    whole = pump(base, steps + 1, control, rtol=rtol)
     rows, limits = [], []
     for k, stage in enumerate(stages):
         if advance is not None:
             advance(k, steps + 1, f"albedo after step {k}")
         goal = tolerance(stage, rtol)
-        rows.append(directional_albedo(stage, cosines, rtol=goal, atol=goal))
+        rows.append(whole.albedo_before(k, cosines))
         limits.append(directional_albedo(stage, 0.0, rtol=max(1e-6, goal)))
     return Series(
         *(stages, cosines),

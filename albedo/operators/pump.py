@@ -16,8 +16,9 @@ import numpy as np
 
 from albedo.brdf import Kernel, Model, Parameter, Part
 from albedo.charts._compiled import CompiledChart
-from albedo.charts.heights import LOWEST
+from albedo.charts.heights import LOWEST, folded
 from albedo.errors import InputError
+from albedo.estimate import Estimate
 from albedo.operators.divisor import CONTROLS
 from albedo.operators.ladder import Ladder, ladder, rings_of
 from albedo.operators.stages import Stages, stages
@@ -158,6 +159,39 @@ class Pumped(Model):
         is isotropic, else `albedo.operators.maps.LogMap`.
         """
         return tuple(self._steps.albedos(self.steps))
+
+    def albedo_before(self, step: int, cos_theta: np.ndarray) -> Estimate:
+        """The albedo that a step divides by, as it was computed for it: no further integral.
+
+        Parameters
+        ----------
+        step : int
+            From 0, the base, to one less than the steps of the model.
+        cos_theta : array_like
+            Cosines of incidence in [2^-64, 1].
+
+        Returns
+        -------
+        Estimate
+            Its errors are those of the curve, and what all curves before err by.
+
+        Raises
+        ------
+        InputError
+            For steps and cosines out of range, and where albedos depend on more than the height.
+        """
+        if not isinstance(step, int) or not 0 <= step < self.steps:
+            raise InputError(f"step = {step!r} is out of range; it lies in [0, {self.steps - 1}]")
+        if not self._in_rings:
+            raise InputError(f"{self.spec} has no curves of albedos, but tables: see its albedos")
+        c = np.asarray(cos_theta, dtype=np.float64)
+        if not np.all((c >= LOWEST) & (c <= 1.0)):
+            raise InputError(f"cos_theta must lie in [{LOWEST:.3g}, 1]")
+        curve, steps = self.albedos[step], self._steps
+        value = curve(c)
+        error = value * (curve.error[curve.piece(folded(c))] + steps.doubt(step))
+        known = np.ones(c.shape, dtype=bool)
+        return Estimate(value, error, "bound", np.zeros(c.shape, dtype=int), known)
 
     @property
     def divisor(self) -> Any:
