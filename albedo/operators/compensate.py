@@ -345,8 +345,7 @@ def compensate(
     Parameters
     ----------
     model : Model
-        A lobe with or without a Fresnel factor. Without one E is its own albedo, and F = 1. For
-        ``pump`` it is isotropic.
+        A lobe with or without a Fresnel factor. Without one E is its own albedo, and F = 1.
     method : {"kulla_conty", "turquin", "pump"}
         See this module. ``kulla_conty`` and ``pump`` keep the model reciprocal; ``turquin`` does
         not, because it reads the height of the viewer alone.
@@ -355,8 +354,8 @@ def compensate(
         F = 1.
     rtol : float, optional
         What E or 1 - E is to be worth, relative to it as far as it is known so well: 1e-10 by
-        default, 1e-6 for anisotropic models, and 1e-9 for ``pump``. What is left of the error is
-        part of every bound.
+        default, 1e-6 for anisotropic models, and as for `albedo.pump` for ``pump``. What is left
+        of the error is part of every bound.
 
     Returns
     -------
@@ -386,7 +385,7 @@ def compensate(
     if method == "pump":
         if any(white(kind).f0 != 1.0 for kind in base.by_channel()):
             raise InputError(f"{base.spec} has a Fresnel factor; pumping-up compensates for F = 1")
-        return pump(base, 1, rtol=1e-9 if rtol is None else rtol)
+        return pump(base, 1, rtol=rtol)
     compensated = Compensated(base, method, slides, rtol)
     for kind in compensated.by_channel():
         kind.parts()
