@@ -74,12 +74,13 @@ def _peak_cosines(context: Context) -> np.ndarray:
 
 def _say_recursive(context: Context, data: pumping.Series, peaks: pumping.Peaks) -> None:
     """The numbers in words."""
+    shown = range(STEPS + 1)
     half = int(np.argmin(np.abs(data.cosines - 0.5)))
     context.note(
         "Albedo at 60 degrees: "
-        + ", ".join(format_value(data.value[k, half], data.error[k, half]) for k in range(6))
-        + " after 0 to 5 steps; in the limit of grazing incidence: "
-        + ", ".join(format_value(data.limit[k], data.limit_error[k]) for k in range(6))
+        + ", ".join(format_value(data.value[k, half], data.error[k, half]) for k in shown)
+        + f" after 0 to {STEPS} steps; in the limit of grazing incidence: "
+        + ", ".join(format_value(data.limit[k], data.limit_error[k]) for k in shown)
         + "."
     )
     theta = np.degrees(np.arccos(data.cosines))

@@ -37,7 +37,8 @@ from albedo.operators.profiles import Profiles, Slices
 _EPS = np.finfo(np.float64).eps
 _ROUNDINGS = 40.0
 _FRESH = chebyshev.chebpts2(ORDER + 1)[::2]
-# Between its nodes, where the fresh points stand, an interpolant errs most; in between not by more.
+# Between its nodes an interpolant errs most. Fresh points stand in every second gap, and at both
+# ends: what a gap between them hides is not many times as much.
 _TRUST = 8.0
 # What errors at the nodes may come to between them: the Lebesgue constant of 16 Chebyshev nodes.
 _LEBESGUE = 2.8

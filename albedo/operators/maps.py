@@ -27,7 +27,8 @@ from albedo.quadrature import albedo_rows
 _ORDER, _TURNS = 16, 8
 _NODES, _FRESH = chebyshev.chebpts1(_ORDER), chebyshev.chebpts2(_ORDER + 1)[::2]
 _TURNED, _FRESH_TURNED = chebyshev.chebpts1(_TURNS), chebyshev.chebpts2(_TURNS + 1)[::2]
-# Between its nodes, where the fresh points stand, an interpolant errs most; in between not by more.
+# Between its nodes an interpolant errs most. Fresh points stand in every second gap, and at both
+# ends: what a gap between them hides is not many times as much.
 _TRUST = 8.0
 # What errors at the nodes may come to between them: the Lebesgue constants of both sets of nodes.
 _LEBESGUE, _LEBESGUE_TURNED = 2.8, 2.4

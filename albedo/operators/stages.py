@@ -1,13 +1,14 @@
 """The albedos of a model that is pumped up where they depend on more than the height.
 
-Each step is a table of the albedo of the model so far, over heights and azimuths. Where the albedo
-that step j reads has a relative error of E_j, the product of k divisors errs by their sum, and the
-albedo that follows by no more: so E_k is what the table of a_k itself may err by, the divisor
-taken as exact, and the sum of all before.
+Each step is a table of the albedo of the model so far, over heights and azimuths. Where the
+logarithm that step j reads errs by E_j, that of the product of k divisors errs by their sum, and
+that of the albedo that follows by no more: so E_k is what the table of a_k itself may err by, the
+divisor taken as exact, and the sum of all before.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -17,6 +18,9 @@ from albedo.brdf import Model, Part
 from albedo.charts._compiled import CompiledChart
 from albedo.operators.maps import LogMap, Maps, log_map
 from albedo.operators.split import SplitChart
+
+# A logarithm that errs by more tells nothing, and its exponential is no number.
+_HOPELESS = 700.0
 
 
 @dataclass(eq=False)
@@ -69,7 +73,8 @@ class Stages:
         total = 0.0
         for own in self.divisor(steps).errors:
             total += own + total
-        return total
+        # Tables are logarithms, whose errors add up.
+        return math.expm1(total) if total < _HOPELESS else math.inf
 
 
 @lru_cache(maxsize=32)
