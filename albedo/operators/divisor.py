@@ -19,8 +19,8 @@ from numpy.polynomial import chebyshev
 from albedo._compile import kernel
 from albedo.charts.heights import FIRST, LAST, LOWEST, fold_vector, folded, unfold, unfolded
 
-ORDER = 16
-NODES = chebyshev.chebpts1(ORDER)
+TERMS = 18
+"""Coefficients of a piece; the last ones are 0 where it has fewer."""
 # Samples of a piece in the search for extrema.
 _SAMPLES = 24
 # Steps of bisection: float64 has no use for more.
@@ -87,7 +87,7 @@ class LogCurve:
     ----------
     edges : ndarray, shape (m + 1,)
         Ends of the pieces in y, ascending from `FIRST` to `LAST`.
-    coefficients : ndarray, shape (m, 16)
+    coefficients : ndarray, shape (m, 18)
         Chebyshev coefficients on every piece.
     error : ndarray, shape (m,)
         Bound on the error over each piece, relative to the albedo.
@@ -168,9 +168,10 @@ def summed(curves: list[LogCurve]) -> LogCurve:
     """One curve that is the sum of others, none of them bent: exact, on pieces of all of them."""
     edges = np.unique(np.concatenate([curve.edges for curve in curves]))
     middle, half = 0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges)
-    y = middle[:, None] + half[:, None] * NODES
+    nodes = chebyshev.chebpts1(TERMS)
+    y = middle[:, None] + half[:, None] * nodes
     values = np.sum([curve.at(y) for curve in curves], axis=0)
-    coefficients = np.linalg.solve(chebyshev.chebvander(NODES, ORDER - 1), values.T).T
+    coefficients = np.linalg.solve(chebyshev.chebvander(nodes, TERMS - 1), values.T).T
     error = np.sum([curve.error[curve.piece(middle)] for curve in curves], axis=0)
     flat = np.zeros(error.size, dtype=int)
     return LogCurve(edges, np.ascontiguousarray(coefficients), error, flat)
@@ -254,11 +255,11 @@ class Divisor:
         used = [summed(self.curves)] if self.collapsed else self.curves
         self._used = used
         self._edges = np.concatenate([curve.edges for curve in used]) if used else np.zeros(2)
-        pad = np.zeros((1, ORDER))
+        pad = np.zeros((1, TERMS))
         blocks = [np.concatenate((curve.coefficients, pad)) for curve in used]
         bends = [np.append(curve.bent, 0) for curve in used]
         self._bent = np.concatenate(bends) if used else np.zeros(1, dtype=int)
-        self._coefficients = np.concatenate(blocks) if used else np.zeros((1, ORDER))
+        self._coefficients = np.concatenate(blocks) if used else np.zeros((1, TERMS))
         self._starts = np.cumsum([0, *(curve.edges.size for curve in used)])
 
     def at_nodes(

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cache, cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -31,18 +31,19 @@ from albedo.charts.polar import PolarChart
 from albedo.charts.rings import RingsChart
 from albedo.errors import InputError
 from albedo.integrators.cells import rules_by_order
-from albedo.operators.divisor import CONTROLS, FLAT, NODES, ORDER, Divisor, LogCurve, straight
+from albedo.operators.divisor import CONTROLS, FLAT, TERMS, Divisor, LogCurve, straight
 from albedo.operators.profiles import Profiles, Slices
 
 _EPS = np.finfo(np.float64).eps
 _ROUNDINGS = 40.0
-_FRESH = chebyshev.chebpts2(ORDER + 1)[::2]
-# Between its nodes an interpolant errs most. Fresh points stand in every second gap, and at both
-# ends: what a gap between them hides is not many times as much.
+# Gaps between the nodes of a piece: fewest where it is narrow, most before it is halved.
+_FEWEST, _USUAL, _MOST = 4, 8, 16
+_NARROW = 5e-3
+# Between its nodes an interpolant errs most. Fresh points stand in every second gap, from both
+# ends inward: what a gap between them hides is not many times as much.
 _TRUST = 8.0
-# What errors at the nodes may come to between them: the Lebesgue constant of 16 Chebyshev nodes.
+# What errors at the nodes may come to between them: the Lebesgue constant of 17 nodes.
 _LEBESGUE = 2.8
-_ROWS = ORDER + _FRESH.size
 _MOST_PIECES = 400
 _SHORTEST = 1e-5
 # Integrals around rings are had to this share of the tolerance.
@@ -99,14 +100,65 @@ def rings_of(part: Part, levels: Any = None) -> RingsChart:
     )
 
 
-@dataclass
+@cache
+def _points(gaps: int) -> np.ndarray:
+    """Places on a piece, from 0 to 1: Chebyshev's nodes with both ends, then fresh points.
+
+    All are nodes where there are twice as many gaps, in the same bits.
+    """
+    fine = 2 * _MOST // gaps
+    grid = np.sin(0.25 * np.pi / _MOST * np.arange(2 * _MOST + 1)) ** 2
+    lower = np.arange(0, gaps // 2, 1 if gaps == _FEWEST else 2)
+    fresh = np.concatenate((lower, gaps - 1 - lower))
+    return np.concatenate((grid[::fine], grid[fresh * fine + fine // 2]))
+
+
+@dataclass(frozen=True, eq=False)
 class _Piece:
-    """One piece of all curves from now on, with the rows of its nodes."""
+    """One piece of all curves from now on.
+
+    Attributes
+    ----------
+    low, high : float
+        Its ends in y.
+    bent : int
+        See `LogCurve`.
+    gaps : int
+        One less than there are nodes.
+    """
 
     low: float
     high: float
     bent: int
-    first: int
+    gaps: int
+
+    @classmethod
+    def new(cls, low: float, high: float, bent: int) -> _Piece:
+        return cls(low, high, bent, _FEWEST if high - low < _NARROW else _USUAL)
+
+    @cached_property
+    def y(self) -> np.ndarray:
+        """Coordinates of its nodes and of its fresh points."""
+        t = _points(self.gaps)
+        t = t * t if self.bent == 1 else t * (2.0 - t) if self.bent == 2 else t
+        # Neighbours share the rows at their ends, which are the same number to both.
+        return np.where(t == 1.0, self.high, self.low + t * (self.high - self.low))
+
+    @cached_property
+    def basis(self) -> np.ndarray:
+        """The polynomials of its series at its nodes and fresh points."""
+        # Cosines are rounded: near 1 they stand for another angle.
+        y = np.clip(folded(_cosines(self.y)), self.low, self.high)
+        return chebyshev.chebvander(straight(y, self.low, self.high, self.bent), self.gaps)
+
+    @cached_property
+    def to_series(self) -> np.ndarray:
+        """The matrix from values at its nodes to coefficients."""
+        return np.linalg.inv(self.basis[: self.gaps + 1])
+
+
+def _cosines(y: np.ndarray) -> np.ndarray:
+    return np.clip(unfolded(y), LOWEST, 1.0)
 
 
 class Ladder:
@@ -126,6 +178,7 @@ class Ladder:
         self.model, self.control, self.rtol = model, control, rtol
         self.curves: list[LogCurve] = []
         self._cos = np.empty(0)
+        self._row: dict[float, int] = {}
         self._parts: list[Profiles] = []
         self._pieces: list[_Piece] = []
         self._transfer: list[np.ndarray] = []
@@ -133,7 +186,8 @@ class Ladder:
         self._doubts: dict[int, float] = {}
         far, near = np.linspace(FIRST, -4.0, 7), np.linspace(0.0, LAST, 4)
         start = np.concatenate((far, (-2.0, -1.0), near))
-        self._add([(a, b, 0) for a, b in itertools.pairwise(start.tolist())])
+        self._pieces = [_Piece.new(a, b, 0) for a, b in itertools.pairwise(start.tolist())]
+        self._lay_out()
 
     def albedos(self, steps: int) -> list[LogCurve]:
         """What the first steps divide by."""
@@ -152,23 +206,32 @@ class Ladder:
             self._divisors[steps] = Divisor(self.curves[:steps], self.control)
         return self._divisors[steps]
 
-    def _add(self, spans: list[tuple[float, float, int]]) -> None:
-        """Rows for new pieces (low, high, bent), with all divisors so far."""
-        low, high, bent = (np.array(column)[:, None] for column in zip(*spans, strict=True))
-        t = np.tile(0.5 * (np.concatenate((NODES, _FRESH)) + 1.0), (len(spans), 1))
-        t = np.where(bent == 1, t * t, np.where(bent == 2, t * (2.0 - t), t))
-        y = low + t * (high - low)
-        c = np.clip(unfolded(y).ravel(), LOWEST, 1.0)
-        first = self._cos.size
+    def _lay_out(self) -> None:
+        """Rows for the points of all pieces, with all divisors so far, and for no others."""
+        wanted = np.unique(np.concatenate([piece.y for piece in self._pieces]))
+        known = np.array([y in self._row for y in wanted.tolist()])
+        kept = np.sort([self._row[y] for y in wanted[known].tolist()]).astype(int)
+        fresh = wanted[~known]
+        if kept.size < self._cos.size:
+            number = {row: k for k, row in enumerate(kept.tolist())}
+            self._row = {y: number[row] for y, row in self._row.items() if row in number}
+            self._cos = self._cos[kept]
+            self._parts = [profiles.rows(kept) for profiles in self._parts]
+        if fresh.size == 0:
+            return
+        c = _cosines(fresh)
         parts = self._profiles(c, self.rtol * _INNER)
         if not self._parts:
             self._parts = parts
         else:
             for old, new in zip(self._parts, parts, strict=True):
                 old.extend(new)
+        self._row |= {y: self._cos.size + k for k, y in enumerate(fresh.tolist())}
         self._cos = np.concatenate((self._cos, c))
-        for k, span in enumerate(spans):
-            self._pieces.append(_Piece(*span, first + k * _ROWS))
+
+    def _rows(self, piece: _Piece) -> np.ndarray:
+        """The rows of the nodes and of the fresh points of a piece."""
+        return np.array([self._row[y] for y in piece.y.tolist()])
 
     def _profiles(self, c: np.ndarray, rtol: float) -> list[Profiles]:
         """All parts at some cosines, with all divisors so far."""
@@ -287,20 +350,16 @@ class Ladder:
             poor = [
                 k
                 for k, (_, bound, stuck) in enumerate(fits)
-                if bound > self.rtol
-                and not stuck
-                and self._pieces[k].high - self._pieces[k].low > _SHORTEST
+                if bound > self.rtol and not stuck and self._may_refine(self._pieces[k])
             ]
             if not poor or len(self._pieces) + len(poor) > _MOST_PIECES:
                 break
-            self._halve(poor)
-        rank = sorted(range(len(fits)), key=lambda k: self._pieces[k].low)
-        edges = np.array([self._pieces[k].low for k in rank] + [LAST])
+            self._refine(poor)
         curve = LogCurve(
-            edges,
-            np.ascontiguousarray(np.stack([fits[k][0] for k in rank])),
-            np.array([fits[k][1] for k in rank]),
-            np.array([self._pieces[k].bent for k in rank]),
+            np.array([piece.low for piece in self._pieces] + [LAST]),
+            np.stack([series for series, _, _ in fits]),
+            np.array([bound for _, bound, _ in fits]),
+            np.array([piece.bent for piece in self._pieces]),
         )
         self._transfer.append(self._shares(curve))
         self.curves.append(curve)
@@ -315,12 +374,11 @@ class Ladder:
         The columns are the new errors of the pieces of the first curve, of the second, ..., and
         of this one.
         """
-        middle = 0.5 * (curve.edges[1:] + curve.edges[:-1])
-        rank = sorted(range(len(self._pieces)), key=lambda k: self._pieces[k].low)
-        rows = np.array([self._pieces[k].first + ORDER // 2 for k in rank])
+        size = curve.error.size
+        rows = np.array([self._row[piece.y[piece.gaps // 2]] for piece in self._pieces])
         before = [t.shape[0] for t in self._transfer]
-        found = np.zeros((middle.size, sum(before) + middle.size))
-        found[:, sum(before) :] = np.eye(middle.size)
+        found = np.zeros((size, sum(before) + size))
+        found[:, sum(before) :] = np.eye(size)
         if not before:
             return found
         parts = [profiles.rows(rows) for profiles in self._parts]
@@ -387,48 +445,45 @@ class Ladder:
     def _fit(
         self, piece: _Piece, logs: np.ndarray, own: np.ndarray
     ) -> tuple[np.ndarray, float, bool]:
-        """Coefficients on a piece, a bound on their error, and whether halving will not help."""
-        rows = slice(piece.first, piece.first + _ROWS)
-        # Cosines are rounded: near 1 they stand for another angle.
-        y = np.clip(folded(self._cos[rows]), piece.low, piece.high)
-        basis = chebyshev.chebvander(straight(y, piece.low, piece.high, piece.bent), ORDER - 1)
-        coefficients = np.linalg.solve(basis[:ORDER], logs[rows][:ORDER])
-        missed = float(np.abs(basis @ coefficients - logs[rows]).max())
+        """Coefficients on a piece, a bound on their error, and whether refining will not help."""
+        rows, terms = self._rows(piece), piece.gaps + 1
+        series = piece.to_series @ logs[rows[:terms]]
+        missed = float(np.abs(piece.basis @ series - logs[rows]).max())
         noise = float(own[rows].max())
         bound = _TRUST * missed + _LEBESGUE * noise
-        return coefficients, bound, missed <= noise
+        return np.pad(series, (0, TERMS - terms)), bound, missed <= noise
 
-    def _halve(self, poor: list[int]) -> None:
-        """Replace pieces by smaller ones: cut where an earlier curve bends, or by halves."""
+    def _may_refine(self, piece: _Piece) -> bool:
+        return piece.gaps < _MOST or piece.high - piece.low > _SHORTEST
+
+    def _refine(self, poor: list[int]) -> None:
+        """Cut pieces where an earlier curve bends; else give them more nodes, or halve them."""
         marks = self._divisor().marks
-        spans = []
-        for k in poor:
-            a, b, bent = self._pieces[k].low, self._pieces[k].high, self._pieces[k].bent
-            margin = 1e-9 * (b - a)
-            inside = np.unique(marks[(marks > a + margin) & (marks < b - margin)]).tolist()
-            if inside:
-                # Ends that bend have the clustered nodes; between two of them a piece is halved.
-                ends = [(a, bent == 1), *((x, True) for x in inside), (b, bent == 2)]
-                for (low, first), (high, last) in itertools.pairwise(ends):
-                    if first and last:
-                        middle = 0.5 * (low + high)
-                        spans += [(low, middle, 1), (middle, high, 2)]
-                    else:
-                        spans.append((low, high, 1 if first else 2 if last else 0))
+        pieces = []
+        for k, piece in enumerate(self._pieces):
+            pieces += self._refined(piece, marks) if k in poor else [piece]
+        self._pieces = pieces
+        self._lay_out()
+
+    def _refined(self, piece: _Piece, marks: np.ndarray) -> list[_Piece]:
+        a, b, bent = piece.low, piece.high, piece.bent
+        margin = 1e-9 * (b - a)
+        inside = np.unique(marks[(marks > a + margin) & (marks < b - margin)]).tolist()
+        middle = 0.5 * (a + b)
+        if not inside:
+            if piece.gaps < _MOST:
+                return [replace(piece, gaps=2 * piece.gaps)]
+            return [_Piece.new(a, middle, bent & 1), _Piece.new(middle, b, bent & 2)]
+        # Ends that bend have the clustered nodes; between two of them a piece is halved.
+        ends = [(a, bent == 1), *((x, True) for x in inside), (b, bent == 2)]
+        found = []
+        for (low, first), (high, last) in itertools.pairwise(ends):
+            middle = 0.5 * (low + high)
+            if first and last:
+                found += [_Piece.new(low, middle, 1), _Piece.new(middle, high, 2)]
             else:
-                middle = 0.5 * (a + b)
-                spans += [(a, middle, bent & 1), (middle, b, bent & 2)]
-        left = [piece for k, piece in enumerate(self._pieces) if k not in set(poor)]
-        width = _ROWS
-        kept = np.concatenate(
-            [np.arange(piece.first, piece.first + width) for piece in left] or [np.empty(0, int)]
-        ).astype(int)
-        for k, piece in enumerate(left):
-            piece.first = k * width
-        self._pieces = left
-        self._cos = self._cos[kept]
-        self._parts = [profiles.rows(kept) for profiles in self._parts]
-        self._add(spans)
+                found.append(_Piece.new(low, high, 1 if first else 2 if last else 0))
+        return found
 
 
 @lru_cache(maxsize=64)
