@@ -39,6 +39,8 @@ _REACH = 42.25
 # E-folds of a stretched coordinate in one panel.
 _FOLDS = 4.0
 _THINNEST = 1e-18
+# Lobes that end within so many widths fall like Gaussians, whose core is so many wide.
+_ENDS, _CORE = 30.0, 2.0
 
 
 @dataclass(frozen=True)
@@ -167,12 +169,17 @@ def _ring(g, kind, kinks, decay, e_v, below):
         spread = w2 + a
     elif decay == 2 and kind == 0:
         spread = w2 * (1.0 + a)
-    scale = 0.5 * math.sqrt(spread / b)
     last = 1.0
     if decay != 0:
         last = min(last, _quarter((_cut(kind, decay, w2) - a) / b))
     if kind == 1:
         last = min(last, _quarter((0.5 - a) / b))
+    scale = 0.5 * math.sqrt(spread / b)
+    if decay != 0:
+        # What falls like a Gaussian is entire, and wants no more than some crowding at its core.
+        widths = math.sqrt(_cut(kind, decay, w2)) / width
+        if widths < _ENDS:
+            scale = min(_CORE / widths, 1.0) * last
     kink = 0.0
     if kinks == 2:
         # tan^2 of the angle of H is 4 min(n.l, n.v)/(n.l + n.v) - 1 where masking sets in.
@@ -406,8 +413,10 @@ def _nodes(geometry, code, box, u, v, numbers, wi, wo, h, weight):
                 if to_edge:
                     stretch = edge * (1.0 - y) ** (edge - 1)
                     y = 1.0 - (1.0 - y) ** edge
-                t = t0 + (t1 - t0) * y
-                q = scale * math.sinh(t)
+                # sinh and cosh of one exponential.
+                grown = math.expm1(t0 + (t1 - t0) * y)
+                shrunk = grown / (1.0 + grown)
+                q = 0.5 * scale * (grown + shrunk)
                 inverse = 1.0 / (1.0 + q * q)
                 # sin and cos of chi/2.
                 sine, cosine = 2.0 * q * inverse, (1.0 - q) * (1.0 + q) * inverse
@@ -419,4 +428,6 @@ def _nodes(geometry, code, box, u, v, numbers, wi, wo, h, weight):
                 wo[0, k, i] = h[0, k, i] - wi[0, k]
                 wo[1, k, i] = h[1, k, i] - wi[1, k]
                 wo[2, k, i] = n_v
-                weight[k, i] = ring * stretch * 4.0 * inverse * scale * math.cosh(t)
+                weight[k, i] = (
+                    ring * stretch * 4.0 * inverse * scale * (1.0 + 0.5 * (grown - shrunk))
+                )

@@ -14,7 +14,7 @@ geometric; and if it exceeds the old bound, all bounds of the row grow by the sa
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,6 +92,7 @@ def refine(
     atol: float | np.ndarray,
     limit: int,
     fine: bool = False,
+    judge_series: Callable[[Cells], None] | None = None,
 ) -> Refined:
     """Cut and raise cells until their bounds sum to a quarter of what is tolerated, or less.
 
@@ -99,6 +100,8 @@ def refine(
     ----------
     chart, integrand, cos_theta, phi, widths, isotropic, rtol, atol, limit, fine
         As in `integrate`.
+    judge_series : callable, optional
+        Replaces the errors along v of new cells, of which it has the Legendre series along v too.
 
     Returns
     -------
@@ -123,9 +126,11 @@ def refine(
     if order == start:
         first = _start_orders(start, code)
         first[per_row[row] > _CROWD] = _GLANCE
-    cells = Cells.blank(row, code, box, first)
+    cells = Cells.blank(row, code, box, first, _TOP if judge_series else 0)
     spent = np.bincount(row, weights=first.prod(1), minlength=n).astype(int)
     evaluate(chart, integrand, geometry, cells)
+    if judge_series:
+        judge_series(cells)
     active = np.ones(n, dtype=bool)
     rounds = np.zeros(n, dtype=int)
     for _ in range(_ROUNDS):
@@ -145,6 +150,8 @@ def refine(
         children = work.children(cells)
         evaluate(chart, integrand, geometry, children)
         _audit(cells, children, work, doubt)
+        if judge_series:
+            judge_series(children)
         cells.replace(work.parent, children)
     return Refined(geometry, cells, doubt, spent, rounds)
 
@@ -270,7 +277,7 @@ class _Work:
             *(self.parent, self.order, self.cut, cells.row, cells.code, cells.box),
             *(row, code, box, order),
         )
-        return Cells.blank(row, code, box, order)
+        return Cells.blank(row, code, box, order, cells.series.shape[1])
 
 
 @kernel

@@ -126,18 +126,21 @@ class Cells:
     tight: np.ndarray  # (m,) their sum, to report where nothing was stopped on it
     size: np.ndarray  # integral of the modulus
     moments: np.ndarray  # (m, 2, MOMENTS) first Legendre coefficients of the marginals
+    series: np.ndarray  # (m, terms) Legendre coefficients along v, as many as are wanted
 
     @classmethod
-    def blank(cls, row: np.ndarray, code: np.ndarray, box: np.ndarray, order: np.ndarray) -> Cells:
+    def blank(
+        cls, row: np.ndarray, code: np.ndarray, box: np.ndarray, order: np.ndarray, terms: int = 0
+    ) -> Cells:
         """Cells that are still to be evaluated."""
         m = row.size
         empty = np.zeros(m), np.zeros((m, 2)), np.zeros(m), np.zeros(m), np.zeros((m, 2, MOMENTS))
-        return cls(row, code, box, order, *empty)
+        return cls(row, code, box, order, *empty, np.zeros((m, terms)))
 
     @property
     def measured(self) -> tuple[np.ndarray, ...]:
         """What `evaluate` fills."""
-        return self.value, self.error, self.tight, self.size, self.moments
+        return self.value, self.error, self.tight, self.size, self.moments, self.series
 
     def replace(self, parent: np.ndarray, children: Cells) -> None:
         """Put the first children in the places of their parents, and the others at the end."""
@@ -270,7 +273,21 @@ def judge(along, weights, to_coefficients, spectrum):
 
 
 @kernel
-def _reduce(block, f, weight, weights_u, weights_v, to_u, to_v, value, error, tight, size, moments):
+def _reduce(
+    block,
+    f,
+    weight,
+    weights_u,
+    weights_v,
+    to_u,
+    to_v,
+    value,
+    error,
+    tight,
+    size,
+    moments,
+    series,
+):
     """Fill what is measured of the cells in a block, from the values at their nodes."""
     p, q = weights_u.size, weights_v.size
     along_u, along_v = np.empty(p), np.empty(q)
@@ -296,6 +313,8 @@ def _reduce(block, f, weight, weights_u, weights_v, to_u, to_v, value, error, ti
         error[cell, 1], other = judge(along_v, weights_v, to_v, spectrum)
         for j in range(min(q, MOMENTS)):
             moments[cell, 1, j] = spectrum[j]
+        for j in range(min(q, series.shape[1])):
+            series[cell, j] = spectrum[j]
         tight[cell] = report + other
 
 
@@ -330,6 +349,7 @@ def _sweep(
     tight,
     size,
     moments,
+    series,
 ):
     """Evaluate cells that stand in the order of their pairs of orders, block by block."""
     room = max(block, rule_matrices.shape[1])
@@ -367,6 +387,7 @@ def _sweep(
             tight,
             size,
             moments,
+            series,
         )
         first = stop
 

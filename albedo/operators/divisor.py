@@ -9,7 +9,7 @@ taken as it is there.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -21,6 +21,10 @@ from albedo.charts.heights import FIRST, LAST, LOWEST, fold_vector, folded, unfo
 
 TERMS = 18
 """Coefficients of a piece; the last ones are 0 where it has fewer."""
+LEFT_OUT = 0.01
+"""Terms that sum to less than this share of a curve's error are left out of it."""
+# Even cells of y, in which pieces are looked up.
+_CELLS = 256
 # Samples of a piece in the search for extrema.
 _SAMPLES = 24
 # Steps of bisection: float64 has no use for more.
@@ -42,12 +46,17 @@ def straight(y: np.ndarray, low: float, high: float, bent: int) -> np.ndarray:
 
 
 @kernel
-def curve_at(y, edges, bent, coefficients, first, last):
-    """Clenshaw's sum on the piece that holds y, of the pieces from `first` to `last` - 1.
+def _cell(y):
+    """Which of even cells of y holds a place."""
+    return int((min(max(y, FIRST), LAST) - FIRST) * (_CELLS / (LAST - FIRST)))
 
-    Piece k has the ends edges[k] and edges[k + 1].
-    """
-    low, high = first, last
+
+@kernel
+def _series_of(y, pieces, j):
+    """The piece of curve j that holds y, and the variable of its series; see `packed`."""
+    edges, bent, _, _, first = pieces
+    cell = _cell(y)
+    low, high = first[j, cell], first[j, cell + 1] + 1
     while high - low > 1:
         middle = (low + high) // 2
         if edges[middle] <= y:
@@ -57,26 +66,96 @@ def curve_at(y, edges, bent, coefficients, first, last):
     a, b = edges[low], edges[low + 1]
     y = min(max(y, a), b)
     if bent[low] == 1:
-        u = 2.0 * math.sqrt((y - a) / (b - a)) - 1.0
-    elif bent[low] == 2:
-        u = 1.0 - 2.0 * math.sqrt((b - y) / (b - a))
-    else:
-        u = ((y - a) - (b - y)) / (b - a)
+        return low, 2.0 * math.sqrt((y - a) / (b - a)) - 1.0
+    if bent[low] == 2:
+        return low, 1.0 - 2.0 * math.sqrt((b - y) / (b - a))
+    return low, ((y - a) - (b - y)) / (b - a)
+
+
+@kernel
+def curve_at(y, pieces, j):
+    """The logarithm that curve j of packed ones holds at y."""
+    k, u = _series_of(y, pieces, j)
+    _, _, pairs, coefficients, _ = pieces
     # Even and odd terms apart, T_2k(u) = T_k(w) and T_2k+1(u) = u V_k(w) with w = 2 u^2 - 1: two
     # sums of Clenshaw's that do not wait for each other.
     twice = 4.0 * u * u - 2.0
     even = even_before = odd = odd_before = 0.0
-    for k in range(coefficients.shape[1] // 2 - 1, 0, -1):
-        even, even_before = twice * even + (coefficients[low, 2 * k] - even_before), even
-        odd, odd_before = twice * odd + (coefficients[low, 2 * k + 1] - odd_before), odd
-    final = twice * odd + (coefficients[low, 1] - odd_before)
-    return 0.5 * twice * even + (coefficients[low, 0] - even_before) + u * (final - odd)
+    for i in range(pairs[k] - 1, 0, -1):
+        even, even_before = twice * even + (coefficients[k, 2 * i] - even_before), even
+        odd, odd_before = twice * odd + (coefficients[k, 2 * i + 1] - odd_before), odd
+    final = twice * odd + (coefficients[k, 1] - odd_before)
+    return 0.5 * twice * even + (coefficients[k, 0] - even_before) + u * (final - odd)
 
 
 @kernel
-def _curve_all(y, edges, bent, coefficients, out):
+def _rising(y, pieces, j):
+    """Whether curve j grows with y: the sign of the derivative of its series, of U_k(u)."""
+    k, u = _series_of(y, pieces, j)
+    _, _, pairs, coefficients, _ = pieces
+    total = before = 0.0
+    for i in range(2 * pairs[k] - 1, 0, -1):
+        total, before = 2.0 * u * total + (i * coefficients[k, i] - before), total
+    return total > 0.0
+
+
+@kernel
+def _turn_between(low, high, pieces):
+    """The place between two others where a curve ceases to rise, or to fall."""
+    before = _rising(low, pieces, 0)
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        if _rising(middle, pieces, 0) == before:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+@kernel
+def _curve_all(y, pieces, out):
     for i in range(y.size):
-        out[i] = curve_at(y[i], edges, bent, coefficients, 0, coefficients.shape[0])
+        out[i] = curve_at(y[i], pieces, 0)
+
+
+@kernel
+def _cells_all(y, out):
+    for i in range(y.size):
+        out[i] = _cell(y[i])
+
+
+Pieces = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""What kernels know of curves: see `packed`."""
+
+
+def packed(curves: Sequence[LogCurve]) -> Pieces:
+    """All pieces of some curves, one after the other.
+
+    Returns
+    -------
+    edges, bent, pairs, coefficients : ndarray
+        Piece k of all has the ends edges[k] and edges[k + 1]; between two curves there is one that
+        is none. Pairs of coefficients beyond the first few are not needed.
+    first : ndarray of int, shape (curves, cells + 2)
+        The first piece of each curve that may hold what lies in one of even cells of y.
+    """
+    begin, first = 0, np.zeros((len(curves), _CELLS + 2), dtype=int)
+    for j, curve in enumerate(curves):
+        cells = np.empty(curve.error.size, dtype=int)
+        _cells_all(curve.edges[:-1], cells)
+        before = np.searchsorted(cells, np.arange(_CELLS + 2)) - 1
+        first[j] = begin + np.maximum(before, 0)
+        begin += curve.edges.size
+    if not curves:
+        return np.zeros(2), np.zeros(1, int), np.zeros(1, int), np.zeros((1, TERMS)), first
+    blocks = [np.pad(curve.coefficients, ((0, 1), (0, 0))) for curve in curves]
+    return (
+        np.concatenate([curve.edges for curve in curves]),
+        np.concatenate([np.append(curve.bent, 0) for curve in curves]),
+        np.concatenate([np.append(curve.pairs, 1) for curve in curves]),
+        np.concatenate(blocks),
+        first,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,8 +182,27 @@ class LogCurve:
     def at(self, y: np.ndarray) -> np.ndarray:
         """The logarithm at coordinates y of any shape."""
         out = np.empty(y.size)
-        _curve_all(np.ascontiguousarray(y).ravel(), self.edges, self.bent, self.coefficients, out)
+        _curve_all(np.ascontiguousarray(y).ravel(), self.pieces, out)
         return out.reshape(y.shape)
+
+    @cached_property
+    def pairs(self) -> np.ndarray:
+        """Pairs of coefficients of every piece beyond which nothing matters: (m,)."""
+        beyond = np.cumsum(np.abs(self.coefficients[:, ::-1]), axis=1)[:, ::-1]
+        terms = (beyond > LEFT_OUT * self.error[:, None]).sum(1)
+        return np.maximum((terms + 1) // 2, 1)
+
+    @cached_property
+    def spread(self) -> float:
+        """No two logarithms differ by more."""
+        size = np.abs(self.coefficients[:, 1:]).sum(1)
+        middle = self.coefficients[:, 0]
+        return float((middle + size).max() - (middle - size).min())
+
+    @cached_property
+    def pieces(self) -> Pieces:
+        """This curve as kernels know it."""
+        return packed([self])
 
     def __call__(self, cos_theta: np.ndarray) -> np.ndarray:
         """The albedo at cosines of any shape."""
@@ -114,12 +212,6 @@ class LogCurve:
         """The number of the piece that holds each y."""
         found = np.searchsorted(self.edges, y, side="right") - 1
         return np.clip(found, 0, self.error.size - 1)
-
-    def rises(self, y: float) -> bool:
-        """Whether the logarithm grows with y, from the derivative of its series."""
-        k = int(self.piece(np.array(y)))
-        u = straight(np.array(y), self.edges[k], self.edges[k + 1], int(self.bent[k]))
-        return bool(chebyshev.chebval(u, chebyshev.chebder(self.coefficients[k])) > 0.0)
 
     @cached_property
     def marks(self) -> np.ndarray:
@@ -178,24 +270,15 @@ def summed(curves: list[LogCurve]) -> LogCurve:
 
 
 @kernel
-def _log_divisors(
-    row, first, count, y, height, l_l, known, edges, bent, coefficients, starts, control, out
-):
-    """Log of the divisor at runs of nodes, each in a row; `known` has the curves at L.
-
-    `starts` says where the pieces of each curve begin; edges have one more than pieces per curve.
-    """
-    steps = starts.size - 1
+def _log_divisors(row, first, count, y, height, l_l, known, pieces, control, out):
+    """Log of the divisor at runs of nodes, each in a row; `known` has the curves at L."""
+    steps = pieces[4].shape[0]
     for k in range(row.size):
         r = row[k]
         for i in range(first[k], first[k] + count[k]):
             total = 0.0
             for j in range(steps):
-                # Both have one edge more than pieces for every curve before.
-                value = max(
-                    curve_at(y[i], edges, bent, coefficients, starts[j], starts[j + 1] - 1),
-                    known[r, j],
-                )
+                value = max(curve_at(y[i], pieces, j), known[r, j])
                 if control == 1:
                     value = max(value, height[i], l_l[r])
                 total += value
@@ -205,15 +288,15 @@ def _log_divisors(
 
 
 @kernel
-def _divide(wi, wo, edges, bent, coefficients, starts, control, known, out):
+def _divide(wi, wo, pieces, control, known, out):
     """Divide values by the divisor; `known` is room for the curves at L."""
-    steps = starts.size - 1
+    steps = pieces[4].shape[0]
     for k in range(out.shape[0]):
         lz = wi[2, k]
         y_l = fold_vector(wi[0, k], wi[1, k], lz)
         l_l = math.log(max(lz, LOWEST))
         for j in range(steps):
-            known[j] = curve_at(y_l, edges, bent, coefficients, starts[j], starts[j + 1] - 1)
+            known[j] = curve_at(y_l, pieces, j)
         for i in range(out.shape[1]):
             vz = wo[2, k, i]
             if not vz > 0.0:
@@ -222,9 +305,7 @@ def _divide(wi, wo, edges, bent, coefficients, starts, control, known, out):
             height = math.log(max(vz, LOWEST)) if control != 0 else 0.0
             total = 0.0
             for j in range(steps):
-                value = max(
-                    curve_at(y, edges, bent, coefficients, starts[j], starts[j + 1] - 1), known[j]
-                )
+                value = max(curve_at(y, pieces, j), known[j])
                 if control == 1:
                     value = max(value, height, l_l)
                 total += value
@@ -254,13 +335,7 @@ class Divisor:
         self.collapsed = self.collapsed and not any(curve.bent.any() for curve in curves)
         used = [summed(self.curves)] if self.collapsed else self.curves
         self._used = used
-        self._edges = np.concatenate([curve.edges for curve in used]) if used else np.zeros(2)
-        pad = np.zeros((1, TERMS))
-        blocks = [np.concatenate((curve.coefficients, pad)) for curve in used]
-        bends = [np.append(curve.bent, 0) for curve in used]
-        self._bent = np.concatenate(bends) if used else np.zeros(1, dtype=int)
-        self._coefficients = np.concatenate(blocks) if used else np.zeros((1, TERMS))
-        self._starts = np.cumsum([0, *(curve.edges.size for curve in used)])
+        self._pieces = packed(used)
 
     def at_nodes(
         self,
@@ -289,25 +364,12 @@ class Divisor:
         lowest = np.log(np.maximum(cos_light, LOWEST))
         _log_divisors(
             *(row, first, count, y, log_height, lowest, np.ascontiguousarray(known)),
-            *(self._edges, self._bent, self._coefficients, self._starts, self._code, out),
+            *(self._pieces, self._code, out),
         )
 
     def divide(self, wi: np.ndarray, wo: np.ndarray, out: np.ndarray) -> None:
         """Divide values of a kernel by the divisor, in place."""
-        known = np.empty(max(self._starts.size - 1, 1))
-        _divide(
-            *(
-                wi,
-                wo,
-                self._edges,
-                self._bent,
-                self._coefficients,
-                self._starts,
-                self._code,
-                known,
-                out,
-            ),
-        )
+        _divide(wi, wo, self._pieces, self._code, np.empty(len(self._used)), out)
 
     def between(self, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
         """The divisor for pairs of unit vectors (n, 3)."""
@@ -392,7 +454,7 @@ class Divisor:
             most = _clamp_levels(
                 *(y, np.log(np.maximum(unfolded(y), LOWEST)), at_v),
                 *(np.log(np.maximum(unfolded(y_l), LOWEST)), at_l),
-                *(used._edges, used._bent, used._coefficients, used._starts, out),
+                *(used._pieces, out),
             )
             if most <= room:
                 return list(out[:most])
@@ -400,7 +462,7 @@ class Divisor:
 
 
 @kernel
-def _clamp_levels(y, log_v, at_v, log_l, at_l, edges, bent, coefficients, starts, out):
+def _clamp_levels(y, log_v, at_v, log_l, at_l, pieces, out):
     """Fill the places where a sum of maxima is the log of the larger cosine; return how many."""
     steps, most = at_v.shape[0], 0
     for r in range(log_l.size):
@@ -419,10 +481,7 @@ def _clamp_levels(y, log_v, at_v, log_l, at_l, edges, bent, coefficients, starts
                             break
                         total = 0.0
                         for j in range(steps):
-                            here = curve_at(
-                                middle, edges, bent, coefficients, starts[j], starts[j + 1] - 1
-                            )
-                            total += max(here, at_l[j, r])
+                            total += max(curve_at(middle, pieces, j), at_l[j, r])
                         cosine, _ = unfold(middle)
                         if (total > max(math.log(max(cosine, LOWEST)), log_l[r])) == before:
                             low = middle
@@ -498,15 +557,8 @@ def _peak(function: _Step, low: float, high: float, sign: float) -> float:
     """
     curve = function.curve
     smooth = not function.floor or bool(np.all(curve.at(np.array([low, high])) > _logs(low, high)))
-    if smooth and curve.rises(low) != curve.rises(high):
-        before = curve.rises(low)
-        for _ in range(_BISECTIONS):
-            middle = 0.5 * (low + high)
-            if curve.rises(middle) == before:
-                low = middle
-            else:
-                high = middle
-        return 0.5 * (low + high)
+    if smooth and _rising(low, curve.pieces, 0) != _rising(high, curve.pieces, 0):
+        return float(_turn_between(low, high, curve.pieces))
     golden = 0.5 * (math.sqrt(5.0) - 1.0)
     for _ in range(80):
         a, b = high - golden * (high - low), low + golden * (high - low)
@@ -541,15 +593,14 @@ def _equal_levels(function: _Step, y_l: np.ndarray) -> list[np.ndarray]:
     out = np.full((ends.size - 1, y_l.size), np.nan)
     _fill_equal(
         *(y_l, function.at(y_l), ends, function.at(ends), function.floor),
-        *(curve.edges, curve.bent, curve.coefficients, out),
+        *(curve.pieces, out),
     )
     return [column for column in out if np.isfinite(column).any()]
 
 
 @kernel
-def _fill_equal(y_l, goal, ends, at_ends, floor, edges, bent, coefficients, out):
+def _fill_equal(y_l, goal, ends, at_ends, floor, pieces, out):
     """Fill one line for every interval on which a function rises or falls."""
-    pieces = coefficients.shape[0]
     for i in range(ends.size - 1):
         rising = at_ends[i + 1] > at_ends[i]
         least, most = min(at_ends[i], at_ends[i + 1]), max(at_ends[i], at_ends[i + 1])
@@ -561,7 +612,7 @@ def _fill_equal(y_l, goal, ends, at_ends, floor, edges, bent, coefficients, out)
                 middle = 0.5 * (low + high)
                 if middle in (low, high):
                     break
-                value = curve_at(middle, edges, bent, coefficients, 0, pieces)
+                value = curve_at(middle, pieces, 0)
                 if floor:
                     cosine, _ = unfold(middle)
                     value = max(value, math.log(cosine))

@@ -31,7 +31,15 @@ from albedo.charts.polar import PolarChart
 from albedo.charts.rings import RingsChart
 from albedo.errors import InputError
 from albedo.integrators.cells import rules_by_order
-from albedo.operators.divisor import CONTROLS, FLAT, TERMS, Divisor, LogCurve, straight
+from albedo.operators.divisor import (
+    CONTROLS,
+    FLAT,
+    LEFT_OUT,
+    TERMS,
+    Divisor,
+    LogCurve,
+    straight,
+)
 from albedo.operators.profiles import Profiles, Slices
 
 _EPS = np.finfo(np.float64).eps
@@ -358,7 +366,8 @@ class Ladder:
         curve = LogCurve(
             np.array([piece.low for piece in self._pieces] + [LAST]),
             np.stack([series for series, _, _ in fits]),
-            np.array([bound for _, bound, _ in fits]),
+            # Terms are left out of the curve, and once more out of a sum of curves.
+            (1.0 + 2.0 * LEFT_OUT) * np.array([bound for _, bound, _ in fits]),
             np.array([piece.bent for piece in self._pieces]),
         )
         self._transfer.append(self._shares(curve))
@@ -451,7 +460,9 @@ class Ladder:
         missed = float(np.abs(piece.basis @ series - logs[rows]).max())
         noise = float(own[rows].max())
         bound = _TRUST * missed + _LEBESGUE * noise
-        return np.pad(series, (0, TERMS - terms)), bound, missed <= noise
+        whole = np.zeros(TERMS)
+        whole[:terms] = series
+        return whole, bound, missed <= noise
 
     def _may_refine(self, piece: _Piece) -> bool:
         return piece.gaps < _MOST or piece.high - piece.low > _SHORTEST
@@ -468,7 +479,9 @@ class Ladder:
     def _refined(self, piece: _Piece, marks: np.ndarray) -> list[_Piece]:
         a, b, bent = piece.low, piece.high, piece.bent
         margin = 1e-9 * (b - a)
-        inside = np.unique(marks[(marks > a + margin) & (marks < b - margin)]).tolist()
+        # So near to the normal no cosine tells nodes from each other.
+        end = min(b - margin, LAST - _SHORTEST)
+        inside = np.unique(marks[(marks > a + margin) & (marks < end)]).tolist()
         middle = 0.5 * (a + b)
         if not inside:
             if piece.gaps < _MOST:

@@ -12,12 +12,12 @@ the rings, and what the series leaves out. That of the rules of slices is read f
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 
 from albedo._compile import kernel
 from albedo.brdf import Model, Part
@@ -31,12 +31,8 @@ from albedo.operators.divisor import LogCurve, curve_at
 
 _TOP = LADDER[-1]
 _LIMIT = 400_000
-_BLOCK = 16384
 # What a series leaves out of a panel, in terms of its last coefficients.
 _TAIL, _WINDOW = 4.0, 3
-# All series of a row may leave out this share of what the row is to be worth.
-_LEFT_OUT = 0.5
-_ROUNDS = 8
 # Roundings at the nodes are amplified by the degree in the last coefficients.
 _NOISE = 1024.0 * np.finfo(np.float64).eps
 # Kinks that are closer than this, as a share of a panel, are one.
@@ -198,6 +194,7 @@ class Profiles:
             rtol=rtol,
             atol=0.0,
             limit=_LIMIT,
+            judge_series=_judge_series,
         )
         cells = done.cells
         # What directions moved by an ulp change, as a share of what is sent on, and what the
@@ -206,11 +203,8 @@ class Profiles:
         sent = np.maximum(np.bincount(cells.row, cells.value, n), 1e-300)
         own = part.doubt(cos_theta) if callable(part.doubt) else part.doubt
         shift = 4.0 * moved / sent + own
-        stack = _Stack.of(cells)
-        goal = _LEFT_OUT * rtol * sent
-        panels = _resolved(stack, chart, integrand, done.geometry, goal)
         rows = done.geometry, done.doubt, shift, np.full(n, rtol)
-        named = dict(zip((*_OF_ROWS, *_OF_PANELS), (*rows, *panels), strict=True))
+        named = dict(zip((*_OF_ROWS, *_OF_PANELS), (*rows, *_stacked(cells)), strict=True))
         found = cls(**named, slices=Slices())
         m = found.row.size
         found._put(np.empty(0, int), np.arange(m), np.zeros(m), np.ones(m), found.order)
@@ -254,7 +248,7 @@ class Profiles:
         light[1] = curve.at(folded(cos_theta))
         _multiply(
             *(self.row[s.panel], s.order, s.first, s.y, s.log_height, light, literal),
-            *(curve.edges, curve.bent, curve.coefficients, s.log_product),
+            *(curve.pieces, s.log_product),
         )
         s.stale[:] = True
 
@@ -281,8 +275,7 @@ class Profiles:
         which, place = np.empty(room, int), np.empty(room)
         count = _find_kinks(
             *(s.panel, s.start, s.end, s.value, self.row, self.code, self.box, self.geometry),
-            *(levels, least, controlled, curve.edges, curve.bent, curve.coefficients),
-            *(which, place),
+            *(levels, least, controlled, curve.pieces, curve.spread, which, place),
         )
         return which[:count], place[:count]
 
@@ -392,147 +385,14 @@ def _rungs(wanted: np.ndarray) -> np.ndarray:
 
 def _orders(order: np.ndarray, share: np.ndarray) -> np.ndarray:
     """Nodes for a share of a panel of some order."""
-    return _rungs(np.maximum(order * (0.4 + 0.6 * share), 10.0))
+    return _rungs(np.maximum(order * (0.5 + 0.5 * share), 10.0))
 
 
-@dataclass
-class _Stack:
-    """Cells with heights in common: intervals of heights, and the cells above each of them."""
-
-    row: np.ndarray
-    code: np.ndarray
-    box: np.ndarray
-    order: np.ndarray
-    blur: np.ndarray
-    interval: np.ndarray
-    cell_order: np.ndarray
-    cell_code: np.ndarray
-    cell_box: np.ndarray
-
-    @classmethod
-    def of(cls, cells: Cells) -> _Stack:
-        """Find the intervals: no end of a cell lies inside one."""
-        rank = np.lexsort((cells.box[:, 4], cells.code[:, 0], cells.row))
-        key = np.column_stack((cells.row, cells.code[:, 0], cells.box[:, 4]))[rank]
-        group = np.empty(rank.size, int)
-        group[rank] = np.cumsum(np.append(False, np.any(key[1:] != key[:-1], axis=1)))
-        # A group takes up [2 g, 2 g + 1] of one line.
-        line = np.unique(np.concatenate((2 * group + cells.box[:, 2], 2 * group + cells.box[:, 3])))
-        real = np.flatnonzero(line[1:] // 2 == line[:-1] // 2)
-        starts, ends = line[real], line[real + 1]
-        first = np.searchsorted(starts, 2 * group + cells.box[:, 2])
-        last = np.searchsorted(starts, 2 * group + cells.box[:, 3])
-        cell = np.repeat(np.arange(group.size), last - first)
-        begin = np.cumsum(last - first) - (last - first)
-        interval = np.arange(cell.size) - begin[cell] + first[cell]
-        # What all cells above an interval have in common, from one of them.
-        some = np.empty(starts.size, int)
-        some[interval] = cell
-        box = cells.box[some].copy()
-        base = 2.0 * (starts // 2)
-        box[:, 2], box[:, 3] = starts - base, ends - base
-        order = np.zeros(starts.size, int)
-        np.maximum.at(order, interval, cells.order[cell, 1])
-        blur = np.bincount(interval, cells.error[cell, 0], starts.size)
-        return cls(
-            *(cells.row[some], cells.code[some], box, order, blur, interval),
-            *(cells.order[cell, 0], cells.code[cell], cells.box[cell]),
-        )
-
-    def only(self, which: np.ndarray) -> _Stack:
-        """The intervals of a mask."""
-        number = np.cumsum(which) - 1
-        above = which[self.interval]
-        return _Stack(
-            *(self.row[which], self.code[which], self.box[which], self.order[which]),
-            *(self.blur[which], number[self.interval[above]], self.cell_order[above]),
-            *(self.cell_code[above], self.cell_box[above]),
-        )
-
-    def halved(self) -> _Stack:
-        """Every interval in two, with all cells above it."""
-        m = self.row.size
-        middle = 0.5 * (self.box[:, 2] + self.box[:, 3])
-        low, high = self.box.copy(), self.box.copy()
-        low[:, 3] = high[:, 2] = middle
-
-        def twice(a: np.ndarray) -> np.ndarray:
-            return np.concatenate((a, a))
-
-        return _Stack(
-            *(twice(self.row), twice(self.code), np.concatenate((low, high)), twice(self.order)),
-            *(twice(self.blur), np.concatenate((self.interval, self.interval + m))),
-            *(twice(self.cell_order), twice(self.cell_code), twice(self.cell_box)),
-        )
-
-    def measure(
-        self, chart: RingsChart, integrand: ModelIntegrand, geometry: np.ndarray
-    ) -> np.ndarray:
-        """Legendre coefficients of the integrals around rings, (m, 32)."""
-        along = np.zeros((self.row.size, _TOP))
-        orders = np.column_stack((self.cell_order, self.order[self.interval]))
-        key = orders[:, 0] * (_TOP + 1) + orders[:, 1]
-        rank = np.argsort(key, kind="stable")
-        edges = np.flatnonzero(np.diff(key[rank])) + 1
-        for start, stop in itertools.pairwise((0, *edges.tolist(), rank.size)):
-            p, q = orders[rank[start]].tolist()
-            step = max(1, _BLOCK // (p * q))
-            for first in range(start, stop, step):
-                block = rank[first : min(first + step, stop)]
-                here = self.interval[block]
-                row = self.row[here]
-                box = self.cell_box[block].copy()
-                box[:, 2:4] = self.box[here, 2:4]
-                wi, wo, h, weight = chart.nodes(
-                    *(geometry[row], self.cell_code[block], box, gauss(p).nodes, gauss(q).nodes)
-                )
-                f = integrand(row, wi, wo, h)
-                _ring_sums(f, weight, gauss(p).weights, q, here, along)
-        series = np.zeros_like(along)
-        for q in np.unique(self.order).tolist():
-            k = np.flatnonzero(self.order == q)
-            series[k, :q] = along[k, :q] @ gauss(q).to_coefficients
-        return series
-
-
-def _resolved(
-    stack: _Stack,
-    chart: RingsChart,
-    integrand: ModelIntegrand,
-    geometry: np.ndarray,
-    goal: np.ndarray,
-) -> tuple[np.ndarray, ...]:
-    """Series of all panels, with more nodes or on halves until little is left out."""
-    done: list[tuple[np.ndarray, ...]] = []
-    share = goal / np.maximum(np.bincount(stack.row, minlength=goal.size), 1)
-    for turn in range(_ROUNDS + 1):
-        series = stack.measure(chart, integrand, geometry)
-        size = np.abs(series).max(1)
-        tail = _tails(series, stack.order)
-        limit = np.maximum(share[stack.row], _NOISE * size)
-        poor = (tail > limit) & (turn < _ROUNDS)
-        good = ~poor
-        arrays = (stack.row, stack.code, stack.box, stack.order, series, stack.blur, tail)
-        done.append(tuple(a[good] for a in arrays))
-        if not poor.any():
-            break
-        with np.errstate(divide="ignore", invalid="ignore"):
-            fall = np.log(0.5 * limit / size) / np.log(tail / (_TAIL * size))
-        wanted = stack.order * np.where(np.isfinite(fall), np.maximum(fall, 1.0), 9.0) + 2.0
-        cut = poor & ((wanted > 1.3 * _TOP) | (stack.order >= _TOP))
-        more = poor & ~cut
-        raised, halves = stack.only(more), stack.only(cut).halved()
-        raised.order = _rungs(np.maximum(wanted[more], raised.order + 2))
-        halves.order = np.maximum(np.minimum(halves.order, 24), 16)
-        stack = _together(raised, halves)
-    return tuple(np.concatenate(columns) for columns in zip(*done, strict=True))
-
-
-def _together(first: _Stack, second: _Stack) -> _Stack:
-    names = _Stack.__dataclass_fields__
-    joined = _Stack(*(np.concatenate((getattr(first, k), getattr(second, k))) for k in names))
-    joined.interval[first.interval.size :] += first.row.size
-    return joined
+def _judge_series(cells: Cells) -> None:
+    """Take what series leave out for the errors along v, so far as it is more than rounding."""
+    tail = _tails(cells.series, cells.order[:, 1])
+    seen = tail > _NOISE * np.abs(cells.series).max(1)
+    cells.error[:, 1] = np.where(seen, 0.5 * tail, 0.0)
 
 
 def _tails(series: np.ndarray, order: np.ndarray) -> np.ndarray:
@@ -543,16 +403,49 @@ def _tails(series: np.ndarray, order: np.ndarray) -> np.ndarray:
     return tails
 
 
-@kernel
-def _ring_sums(f, weight, weights_u, q, place, along):
-    """Add integrals along u, at the nodes along v, to those of panels."""
-    p = weights_u.size
-    for k in range(place.size):
-        for j in range(q):
-            total = 0.0
-            for i in range(p):
-                total += f[k, i * q + j] * weight[k, i * q + j] * weights_u[i]
-            along[place[k], j] += total
+def _stacked(cells: Cells) -> tuple[np.ndarray, ...]:
+    """Panels of heights, see `Profiles`: no end of a cell lies inside one, and cells that stand
+    above it are added up."""
+    rank = np.lexsort((cells.box[:, 4], cells.code[:, 0], cells.row))
+    key = np.column_stack((cells.row, cells.code[:, 0], cells.box[:, 4]))[rank]
+    group = np.empty(rank.size, int)
+    group[rank] = np.cumsum(np.append(False, np.any(key[1:] != key[:-1], axis=1)))
+    # A group takes up [2 g, 2 g + 1] of one line.
+    low, high = 2 * group + cells.box[:, 2], 2 * group + cells.box[:, 3]
+    line = np.unique(np.concatenate((low, high)))
+    real = np.flatnonzero(line[1:] // 2 == line[:-1] // 2)
+    starts, ends = line[real], line[real + 1]
+    first, last = np.searchsorted(starts, low), np.searchsorted(starts, high)
+    cell = np.repeat(np.arange(group.size), last - first)
+    begin = np.cumsum(last - first) - (last - first)
+    panel = np.arange(cell.size) - begin[cell] + first[cell]
+    # What all cells above a panel have in common, from one of them.
+    some = np.empty(starts.size, int)
+    some[panel] = cell
+    box = cells.box[some].copy()
+    base = 2.0 * (starts // 2)
+    box[:, 2], box[:, 3] = starts - base, ends - base
+    order = np.zeros(starts.size, int)
+    np.maximum.at(order, panel, cells.order[cell, 1])
+    series = np.zeros((starts.size, _TOP))
+    np.add.at(series, panel, _restricted(cells, cell, box[panel, 2], box[panel, 3]))
+    tail = np.bincount(panel, _tails(cells.series, cells.order[:, 1])[cell], starts.size)
+    blur = np.bincount(panel, cells.error[cell, 0], starts.size)
+    return cells.row[some], cells.code[some], box, order, series, blur, tail
+
+
+def _restricted(cells: Cells, cell: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Series of some cells on parts of them, which is exact."""
+    series = cells.series[cell]
+    start, size = cells.box[cell, 2], cells.box[cell, 3] - cells.box[cell, 2]
+    part = np.flatnonzero(high - low < size)
+    if part.size:
+        rule = gauss(_TOP)
+        share = ((high - low) / size)[part, None]
+        t = ((low - start) / size)[part, None] + share * rule.nodes
+        values = np.einsum("mjk,mk->mj", legvander(2.0 * t - 1.0, _TOP - 1), series[part])
+        series[part] = share * values @ rule.to_coefficients
+    return series
 
 
 @kernel
@@ -652,15 +545,12 @@ def _sums(
 
 
 @kernel
-def _multiply(
-    row, order, first, y, log_height, light, literal, edges, bent, coefficients, log_product
-):
+def _multiply(row, order, first, y, log_height, light, literal, pieces, log_product):
     """Add the log of what a step divides by at all nodes."""
-    pieces = coefficients.shape[0]
     for k in range(row.size):
         at_l = light[1, row[k]]
         for j in range(first[k], first[k] + order[k]):
-            step = max(curve_at(y[j], edges, bent, coefficients, 0, pieces), at_l)
+            step = max(curve_at(y[j], pieces, 0), at_l)
             if literal:
                 step = max(step, log_height[j], light[0, row[k]])
             log_product[j] += step
@@ -679,22 +569,15 @@ def _find_kinks(
     levels,
     least,
     controlled,
-    edges,
-    bent,
-    coefficients,
+    pieces,
+    spread,
     which,
     place,
 ):
     """Fill slices and places of kinks that hide enough; return how many there are."""
-    pieces, count = coefficients.shape[0], 0
+    count = 0
     # More than the whole curve cannot hide.
-    low, high = math.inf, -math.inf
-    for k in range(pieces):
-        size = 0.0
-        for j in range(1, coefficients.shape[1]):
-            size += abs(coefficients[k, j])
-        low, high = min(low, coefficients[k, 0] - size), max(high, coefficients[k, 0] + size)
-    reach = math.inf if controlled else high - low
+    reach = math.inf if controlled else spread
     change, e_end = np.empty(2), np.empty(2)
     for k in range(panel.size):
         i = panel[k]
@@ -714,14 +597,14 @@ def _find_kinks(
                 continue
             height, flat = unfold(level)
             e_v = math.atan2(height, flat)
-            here = curve_at(level, edges, bent, coefficients, 0, pieces)
+            here = curve_at(level, pieces, 0)
             # Of the two sides of a maximum one may be constant: what changes is the other one.
             for side_of in range(2):
                 change[side_of] = 0.0
                 for half in range(2):
                     e = e_v + (0.5 + 0.5 * half) * (e_end[side_of] - e_v)
                     c = math.sin(e)
-                    there = curve_at(fold(c, math.cos(e)), edges, bent, coefficients, 0, pieces)
+                    there = curve_at(fold(c, math.cos(e)), pieces, 0)
                     moved = abs(there - here)
                     if controlled:
                         moved += abs(math.log(max(c, LOWEST) / max(height, LOWEST)))
