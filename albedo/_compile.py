@@ -74,7 +74,7 @@ class _WithoutCollection(event.Listener):
 event.register("numba:compile", _WithoutCollection())
 
 
-def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
+def kernel(function: Callable[..., Any], *, forceinline: bool = False) -> Callable[..., Any]:
     """Compile a function of arrays or numbers with numba, and keep the machine code on disk.
 
     Parameters
@@ -82,6 +82,8 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     function : callable
         A function that numba can compile. When it lives outside this package, the sources in
         its own folder count for the freshness of the cache too.
+    forceinline : bool
+        Callers contain it, however long it is: see `inlined`.
 
     Returns
     -------
@@ -96,9 +98,15 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     before = config.CACHE_DIR
     config.CACHE_DIR = str(cache_root() / digest(*folders))
     try:
-        return numba.njit(cache=home.is_file(), **_OPTIONS)(function)
+        options = {**_OPTIONS, "forceinline": forceinline}
+        return numba.njit(cache=home.is_file(), **options)(function)
     finally:
         config.CACHE_DIR = before
+
+
+def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
+    """A kernel that callers contain: a call hands on six words for every array."""
+    return kernel(function, forceinline=True)
 
 
 def is_kernel(function: Any) -> bool:

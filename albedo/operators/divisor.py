@@ -11,18 +11,20 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from albedo._compile import kernel
+from albedo._compile import inlined, kernel
 from albedo.charts.heights import FIRST, LAST, LOWEST, fold_vector, folded, unfold, unfolded
 
 TERMS = 18
 """Coefficients of a piece; the last ones are 0 where it has fewer."""
-LEFT_OUT = 0.01
-"""Terms that sum to less than this share of a curve's error are left out of it."""
+# Series are read as polynomials of few terms on even parts of their pieces, as many as it takes for
+# all other terms to sum to no more than this share of the curve's error.
+_FEW, _LEFT_OUT = 8, 0.01
+_PARTS = (1, 2, 4, 8, 16, 32)
 # Even cells of y, in which pieces are looked up.
 _CELLS = 256
 # Samples of a piece in the search for extrema.
@@ -45,16 +47,16 @@ def straight(y: np.ndarray, low: float, high: float, bent: int) -> np.ndarray:
     return 2.0 * x - 1.0
 
 
-@kernel
+@inlined
 def _cell(y):
     """Which of even cells of y holds a place."""
     return int((min(max(y, FIRST), LAST) - FIRST) * (_CELLS / (LAST - FIRST)))
 
 
-@kernel
+@inlined
 def _series_of(y, pieces, j):
     """The piece of curve j that holds y, and the variable of its series; see `packed`."""
-    edges, bent, _, _, first = pieces
+    edges, bent, _, _, _, first = pieces
     cell = _cell(y)
     low, high = first[j, cell], first[j, cell + 1] + 1
     while high - low > 1:
@@ -72,31 +74,37 @@ def _series_of(y, pieces, j):
     return low, ((y - a) - (b - y)) / (b - a)
 
 
-@kernel
+@inlined
+def _part_of(y, pieces, j):
+    """The part of a piece of curve j that holds y, and the variable of its polynomial."""
+    k, u = _series_of(y, pieces, j)
+    _, _, start, parts, _, _ = pieces
+    x = 0.5 * (u + 1.0) * parts[k]
+    part = min(int(x), parts[k] - 1)
+    return start[k] + part, 2.0 * (x - part) - 1.0
+
+
+@inlined
 def curve_at(y, pieces, j):
     """The logarithm that curve j of packed ones holds at y."""
-    k, u = _series_of(y, pieces, j)
-    _, _, pairs, coefficients, _ = pieces
-    # Even and odd terms apart, T_2k(u) = T_k(w) and T_2k+1(u) = u V_k(w) with w = 2 u^2 - 1: two
-    # sums of Clenshaw's that do not wait for each other.
-    twice = 4.0 * u * u - 2.0
-    even = even_before = odd = odd_before = 0.0
-    for i in range(pairs[k] - 1, 0, -1):
-        even, even_before = twice * even + (coefficients[k, 2 * i] - even_before), even
-        odd, odd_before = twice * odd + (coefficients[k, 2 * i + 1] - odd_before), odd
-    final = twice * odd + (coefficients[k, 1] - odd_before)
-    return 0.5 * twice * even + (coefficients[k, 0] - even_before) + u * (final - odd)
+    i, t = _part_of(y, pieces, j)
+    c = pieces[4]
+    # Not one chain of products, in which each waits for the one before.
+    square = t * t
+    low = (c[i, 0] + c[i, 1] * t) + (c[i, 2] + c[i, 3] * t) * square
+    high = (c[i, 4] + c[i, 5] * t) + (c[i, 6] + c[i, 7] * t) * square
+    return low + high * (square * square)
 
 
 @kernel
 def _rising(y, pieces, j):
-    """Whether curve j grows with y: the sign of the derivative of its series, of U_k(u)."""
-    k, u = _series_of(y, pieces, j)
-    _, _, pairs, coefficients, _ = pieces
-    total = before = 0.0
-    for i in range(2 * pairs[k] - 1, 0, -1):
-        total, before = 2.0 * u * total + (i * coefficients[k, i] - before), total
-    return total > 0.0
+    """Whether curve j grows with y, from the derivative of its polynomial."""
+    i, t = _part_of(y, pieces, j)
+    c = pieces[4]
+    slope = 0.0
+    for k in range(c.shape[1] - 1, 0, -1):
+        slope = slope * t + k * c[i, k]
+    return slope > 0.0
 
 
 @kernel
@@ -124,7 +132,7 @@ def _cells_all(y, out):
         out[i] = _cell(y[i])
 
 
-Pieces = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+Pieces = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 """What kernels know of curves: see `packed`."""
 
 
@@ -133,12 +141,17 @@ def packed(curves: Sequence[LogCurve]) -> Pieces:
 
     Returns
     -------
-    edges, bent, pairs, coefficients : ndarray
+    edges, bent, start, parts : ndarray
         Piece k of all has the ends edges[k] and edges[k + 1]; between two curves there is one that
-        is none. Pairs of coefficients beyond the first few are not needed.
+        is none. It has so many even parts, from number start[k] on.
+    terms : ndarray, shape (all parts, 8)
+        Polynomials of the parts.
     first : ndarray of int, shape (curves, cells + 2)
         The first piece of each curve that may hold what lies in one of even cells of y.
     """
+    if not curves:
+        whole = np.zeros(1, dtype=int)
+        return np.zeros(2), whole, whole, whole + 1, np.zeros((1, _FEW)), np.zeros((0, 1), int)
     begin, first = 0, np.zeros((len(curves), _CELLS + 2), dtype=int)
     for j, curve in enumerate(curves):
         cells = np.empty(curve.error.size, dtype=int)
@@ -146,16 +159,65 @@ def packed(curves: Sequence[LogCurve]) -> Pieces:
         before = np.searchsorted(cells, np.arange(_CELLS + 2)) - 1
         first[j] = begin + np.maximum(before, 0)
         begin += curve.edges.size
-    if not curves:
-        return np.zeros(2), np.zeros(1, int), np.zeros(1, int), np.zeros((1, TERMS)), first
-    blocks = [np.pad(curve.coefficients, ((0, 1), (0, 0))) for curve in curves]
+    parts = np.concatenate([np.append(curve.polynomials.parts, 0) for curve in curves])
     return (
         np.concatenate([curve.edges for curve in curves]),
         np.concatenate([np.append(curve.bent, 0) for curve in curves]),
-        np.concatenate([np.append(curve.pairs, 1) for curve in curves]),
-        np.concatenate(blocks),
+        np.cumsum(parts) - parts,
+        parts,
+        np.concatenate([curve.polynomials.terms for curve in curves]),
         first,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Polynomials:
+    """A curve on even parts of its pieces.
+
+    Attributes
+    ----------
+    parts : ndarray of int, shape (m,)
+        How many of every piece.
+    terms : ndarray, shape (sum of parts, 8)
+        Coefficients of the powers of variables from -1 to 1.
+    left_out : ndarray, shape (m,)
+        What the others sum to on a piece, at most.
+    """
+
+    parts: np.ndarray
+    terms: np.ndarray
+    left_out: np.ndarray
+
+    @classmethod
+    def of(cls, coefficients: np.ndarray, allowed: np.ndarray) -> Polynomials:
+        """From Chebyshev coefficients (m, 18), and what may be left out of each piece (m,)."""
+        m = allowed.size
+        parts, left_out = np.ones(m, dtype=int), np.full(m, np.inf)
+        blocks: list[np.ndarray] = [np.empty(0)] * m
+        for count in _PARTS:
+            open_ = np.flatnonzero(left_out > allowed)
+            kept, others = _on_parts(count)
+            left_out[open_] = np.abs(coefficients[open_] @ others).sum(2).max(0, initial=0.0)
+            parts[open_] = count
+            for k in open_.tolist():
+                blocks[k] = coefficients[k] @ kept
+        return cls(parts, np.concatenate(blocks), left_out)
+
+
+@cache
+def _on_parts(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Matrices from a Chebyshev series to even parts: powers, and what is not among them.
+
+    Their shapes are (parts, 18, 8) and (parts, 18, 10).
+    """
+    t = chebyshev.chebpts1(TERMS)
+    to_series = np.linalg.inv(chebyshev.chebvander(t, TERMS - 1)).T
+    powers = np.zeros((_FEW, _FEW))
+    for k in range(_FEW):
+        powers[k, : k + 1] = chebyshev.cheb2poly(np.eye(_FEW)[k, : k + 1])
+    u = 2.0 * (np.arange(count)[:, None] + 0.5 * (t + 1.0)) / count - 1.0
+    local = chebyshev.chebvander(u, TERMS - 1).transpose(0, 2, 1) @ to_series
+    return local[:, :, :_FEW] @ powers, local[:, :, _FEW:]
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +231,7 @@ class LogCurve:
     coefficients : ndarray, shape (m, 18)
         Chebyshev coefficients on every piece.
     error : ndarray, shape (m,)
-        Bound on the error over each piece, relative to the albedo.
+        Bound on the error of each series, relative to the albedo.
     bent : ndarray of int, shape (m,)
         Pieces whose series are in the root of the distance from the lower (1) or upper end (2).
     """
@@ -186,11 +248,16 @@ class LogCurve:
         return out.reshape(y.shape)
 
     @cached_property
-    def pairs(self) -> np.ndarray:
-        """Pairs of coefficients of every piece beyond which nothing matters: (m,)."""
-        beyond = np.cumsum(np.abs(self.coefficients[:, ::-1]), axis=1)[:, ::-1]
-        terms = (beyond > LEFT_OUT * self.error[:, None]).sum(1)
-        return np.maximum((terms + 1) // 2, 1)
+    def polynomials(self) -> Polynomials:
+        """What the series is read from."""
+        rounding = 8.0 * np.finfo(np.float64).eps * np.abs(self.coefficients).sum(1)
+        return Polynomials.of(self.coefficients, np.maximum(_LEFT_OUT * self.error, rounding))
+
+    @property
+    def bound(self) -> np.ndarray:
+        """Bound on the error over each piece, relative to the albedo, of what is read: (m,)."""
+        found: np.ndarray = self.error + self.polynomials.left_out
+        return found
 
     @cached_property
     def spread(self) -> float:
@@ -272,7 +339,7 @@ def summed(curves: list[LogCurve]) -> LogCurve:
 @kernel
 def _log_divisors(row, first, count, y, height, l_l, known, pieces, control, out):
     """Log of the divisor at runs of nodes, each in a row; `known` has the curves at L."""
-    steps = pieces[4].shape[0]
+    steps = pieces[5].shape[0]
     for k in range(row.size):
         r = row[k]
         for i in range(first[k], first[k] + count[k]):
@@ -290,7 +357,7 @@ def _log_divisors(row, first, count, y, height, l_l, known, pieces, control, out
 @kernel
 def _divide(wi, wo, pieces, control, known, out):
     """Divide values by the divisor; `known` is room for the curves at L."""
-    steps = pieces[4].shape[0]
+    steps = pieces[5].shape[0]
     for k in range(out.shape[0]):
         lz = wi[2, k]
         y_l = fold_vector(wi[0, k], wi[1, k], lz)
@@ -336,6 +403,11 @@ class Divisor:
         used = [summed(self.curves)] if self.collapsed else self.curves
         self._used = used
         self._pieces = packed(used)
+
+    @property
+    def left_out(self) -> float:
+        """What one table that stands for all curves leaves out of them, at most."""
+        return float(self._used[0].polynomials.left_out.max()) if self.collapsed else 0.0
 
     def at_nodes(
         self,

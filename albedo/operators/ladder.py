@@ -34,7 +34,6 @@ from albedo.integrators.cells import rules_by_order
 from albedo.operators.divisor import (
     CONTROLS,
     FLAT,
-    LEFT_OUT,
     TERMS,
     Divisor,
     LogCurve,
@@ -366,8 +365,7 @@ class Ladder:
         curve = LogCurve(
             np.array([piece.low for piece in self._pieces] + [LAST]),
             np.stack([series for series, _, _ in fits]),
-            # Terms are left out of the curve, and once more out of a sum of curves.
-            (1.0 + 2.0 * LEFT_OUT) * np.array([bound for _, bound, _ in fits]),
+            np.array([bound for _, bound, _ in fits]),
             np.array([piece.bent for piece in self._pieces]),
         )
         self._transfer.append(self._shares(curve))
@@ -440,7 +438,7 @@ class Ladder:
     def _doubt(self, steps: int) -> float:
         curves = self.curves[:steps]
         # A curve errs, and extrema as small as its error were passed over.
-        new = (1.0 + FLAT) * np.concatenate([curve.error for curve in curves])
+        new = np.concatenate([FLAT * curve.error + curve.bound for curve in curves])
         edges = np.unique(np.concatenate([curve.edges for curve in curves]))
         y = 0.5 * (edges[1:] + edges[:-1])
         rows = np.zeros((y.size, y.size, new.size))
@@ -449,7 +447,7 @@ class Ladder:
             chosen = np.where(value[:, None] >= value[None, :], piece[:, None], piece[None, :])
             rows[:, :, : transfer.shape[1]] += transfer[chosen]
         # Within a piece an error may change its sign: no more than doubles what is left of it.
-        return 2.0 * float((np.abs(rows) @ new).max())
+        return 2.0 * float((np.abs(rows) @ new).max()) + self.divisor(steps).left_out
 
     def _fit(
         self, piece: _Piece, logs: np.ndarray, own: np.ndarray

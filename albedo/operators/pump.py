@@ -189,7 +189,7 @@ class Pumped(Model):
             raise InputError(f"cos_theta must lie in [{LOWEST:.3g}, 1]")
         curve, steps = self.albedos[step], self._steps
         value = curve(c)
-        error = value * (curve.error[curve.piece(folded(c))] + steps.doubt(step))
+        error = value * (curve.bound[curve.piece(folded(c))] + steps.doubt(step))
         known = np.ones(c.shape, dtype=bool)
         return Estimate(value, error, "bound", np.zeros(c.shape, dtype=int), known)
 
