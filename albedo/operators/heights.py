@@ -20,7 +20,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from albedo._compile import kernel
+from albedo._compile import inlined, kernel
 from albedo.brdf import Model
 from albedo.charts.heights import FIRST, LAST, LOWEST, area, fold, folded, unfolded
 from albedo.errors import InputError
@@ -54,7 +54,7 @@ _BETWEEN = chebyshev.chebvander(np.linspace(-1.0, 1.0, 65), _ORDER - 1)
 LAGRANGE = np.abs(_BETWEEN @ np.linalg.inv(chebyshev.chebvander(_NODES, _ORDER - 1)))
 
 
-@kernel
+@inlined
 def table_at(y, edges, coefficients):
     """Clenshaw's sum on the piece that holds y; never less than 1e-300."""
     low, high = 0, edges.size - 1

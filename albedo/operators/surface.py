@@ -15,7 +15,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from albedo._compile import kernel
+from albedo._compile import inlined, kernel
 from albedo.brdf import Model
 from albedo.charts.heights import FIRST, LAST, LOWEST, area, fold, folded, unfolded
 from albedo.operators.heights import (
@@ -54,7 +54,7 @@ def turned(x, y, quarter):
     return turn if turn >= 0.0 else turn + 2.0 * math.pi
 
 
-@kernel
+@inlined
 def surface_at(y, turn, axis, split, child, box, coefficients):
     """Two sums of Clenshaw's on the rectangle that holds a place; never less than 1e-300."""
     node = 0
