@@ -25,6 +25,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from albedo.brdf import Model, Part
+from albedo.charts.axis import AxisChart
 from albedo.charts.cosine import CosineChart
 from albedo.charts.heights import FIRST, LAST, LOWEST, folded, unfolded
 from albedo.charts.polar import PolarChart
@@ -56,6 +57,18 @@ _SHARE, _ROUNDS, _NARROWEST = 0.05, 12, 1e-6
 _HIDDEN = 0.001
 
 
+# What charts of lobes are as rings: their kind, and their axis.
+_MIRROR, _RETRO = (-1.0, 1.0), (1.0, 1.0)
+_KINDS = {
+    "slope": ("slope", _MIRROR),
+    "mirror": ("mirror", _MIRROR),
+    "mirror_in_slopes": ("mirror", _MIRROR),
+    "mirror_hemisphere": ("mirror_hemisphere", _MIRROR),
+    "retro": ("mirror", _RETRO),
+    "retro_hemisphere": ("mirror_hemisphere", _RETRO),
+}
+
+
 @dataclass(frozen=True)
 class _Both:
     """The levels of two operators, one over the other."""
@@ -73,14 +86,14 @@ def rings_of(part: Part, levels: Any = None) -> RingsChart:
     Parameters
     ----------
     part : Part
-        With a chart about the mirror direction, or for what is broad.
+        With a chart about an axis in the plane of incidence, or for what is broad.
     levels : callable, optional
         See `albedo.charts.rings.RingsChart`.
 
     Raises
     ------
     InputError
-        For parts whose lobes lie elsewhere.
+        For parts with other charts.
     """
     chart = part.chart
     if isinstance(chart, RingsChart):
@@ -90,13 +103,15 @@ def rings_of(part: Part, levels: Any = None) -> RingsChart:
         return replace(chart, levels=_Both(chart.levels, levels))
     if isinstance(chart, CosineChart):
         return RingsChart("broad", "max", levels=levels)
-    if isinstance(chart, PolarChart) and chart.kind in ("slope", "mirror", "mirror_hemisphere"):
-        edge = chart.edge if chart.kind == "mirror" else 1
+    if isinstance(chart, AxisChart):
+        axis = chart.coefficients[1:]
+        return RingsChart("axis", "none", chart.decay, chart.edge, axis=axis, levels=levels)
+    if isinstance(chart, PolarChart) and chart.kind in _KINDS:
+        kind, axis = _KINDS[chart.kind]
+        edge = chart.edge if kind == "mirror" else 1
         thin = chart.layer == 2
-        return RingsChart(chart.kind, chart.kinks, chart.decay, edge, thin, levels)
-    raise InputError(
-        f"the {part.name} part cannot be pumped up: its lobe is not about the mirror direction"
-    )
+        return RingsChart(kind, chart.kinks, chart.decay, edge, thin, axis, levels)
+    raise InputError(f"the {part.name} part has no chart of rings of constant n.v")
 
 
 @dataclass
