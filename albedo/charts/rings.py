@@ -1,22 +1,27 @@
-r"""Rings of constant n.v, for integrands that know V's height as well as its distance from R.
+r"""Rings of constant n.v, for integrands that know V's height as well as its distance from an axis.
 
-V has the elevation e_v and the azimuth pi + chi from that of L, and D = e_l - e_v is how much
-lower it stands than R. For one height everything about the mirror direction is a function of
-sin(chi/2)^2:
+The axis is the mirror direction R, or (c l.x, c l.y, d l.z), which is R for c = -1 and d = 1. It
+lies in the plane of incidence at the elevation e_a, which may be below the horizon, on the side of
+R or on that of L. V has the elevation e_v and the azimuth chi from that of the axis, and
+D = e_a - e_v is how much lower it stands. For one height everything about the axis is a function
+of sin(chi/2)^2:
 
 ====================================  =============================  ==================
 tan^2 of the angle of H (``slope``)   tan(D/2)^2 + B sin(chi/2)^2    B = 4 s_l s_v/(n.l + n.v)^2
-sin^2 of half the angle (R, V)        sin(D/2)^2 + B sin(chi/2)^2    B = s_l s_v
+sin^2 of half the angle to the axis   sin(D/2)^2 + B sin(chi/2)^2    B = s_a s_v
 ====================================  =============================  ==================
 
-with the sines s_l and s_v of the polar angles. So curves of constant n.v, along which factors such
+with the sines s_l, s_a and s_v of the polar angles. So curves of constant n.v, along which factors such
 as max(a(L), a(V)) have their kinks, are ends of panels; the horizon is e_v = 0; and the curves of
-the V-cavity masking, min(n.l, n.v) (n.h) = (v.h)/2, and of R.V = 0 are known in chi for each ring.
+the V-cavity masking, min(n.l, n.v) (n.h) = (v.h)/2, and of 90 degrees from the axis are known in
+chi for each ring.
 They begin and end where chi is 0 or pi, at heights that are known too; there chi is a root, and
 nodes are clustered.
 
-Heights are stretched from R as scale sinh(s), on either side, the scale being the width of the
-lobe, or n.l where that is less; and from the horizon, where masking has a layer. In chi,
+Heights are stretched from the axis as scale sinh(s), on either side, the scale being the width of
+the lobe, or the elevation of the axis where that is less and the horizon has a layer; and from the
+horizon. Below an axis under the horizon there is nothing: its lobe falls from the horizon on, and
+ends where the ring chi = 0 is 90 degrees from it, at e_v = pi/2 + e_a. In chi,
 tan(chi/4) is stretched likewise, with the width that the lobe has on that ring.
 """
 
