@@ -11,12 +11,11 @@ tan^2 of the angle of H (``slope``)   tan(D/2)^2 + B sin(chi/2)^2    B = 4 s_l s
 sin^2 of half the angle to the axis   sin(D/2)^2 + B sin(chi/2)^2    B = s_a s_v
 ====================================  =============================  ==================
 
-with the sines s_l, s_a and s_v of the polar angles. So curves of constant n.v, along which factors such
-as max(a(L), a(V)) have their kinks, are ends of panels; the horizon is e_v = 0; and the curves of
-the V-cavity masking, min(n.l, n.v) (n.h) = (v.h)/2, and of 90 degrees from the axis are known in
-chi for each ring.
-They begin and end where chi is 0 or pi, at heights that are known too; there chi is a root, and
-nodes are clustered.
+with the sines s_l, s_a and s_v of the polar angles. So curves of constant n.v, along which factors
+such as max(a(L), a(V)) have their kinks, are ends of panels; the horizon is e_v = 0; and the curves
+of the V-cavity masking, min(n.l, n.v) (n.h) = (v.h)/2, and of 90 degrees from the axis are known in
+chi for each ring. They begin and end where chi is 0 or pi, at heights that are known too; there chi
+is a root, and nodes are clustered.
 
 Heights are stretched from the axis as scale sinh(s), on either side, the scale being the width of
 the lobe, or the elevation of the axis where that is less and the horizon has a layer; and from the
