@@ -31,6 +31,8 @@ CASES = [
     (GGX, None, 3),
     (albedo.model("oren_nayar"), None, 2),
     (albedo.model("ashikhmin_shirley", n=100, r_s=0.5, r_d=0.5), None, 2),
+    (albedo.model("lafortune", lobes=((0.9, 0.9, 0.9, 10.0),), rho_d=0.2), "literal", 2),
+    (albedo.model("lafortune_scaled", n=20, s=0.95), "cumulative", 2),
 ]
 cases = pytest.mark.parametrize(
     ("base", "control", "steps"), CASES, ids=lambda x: getattr(x, "spec", str(x))

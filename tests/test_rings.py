@@ -40,6 +40,20 @@ MODELS = [
     "oren_nayar_full",
     "fujii",
     "eon",
+    "max_phong:n=20,variant=retro",
+    "max_phong:n=0.5,variant=retro",
+    "max_phong_anisotropic:n_u=50,n_v=50",
+    # Towards the light, off the mirror direction, along the horizon and below it.
+    *(
+        f"lafortune:lobes=(({c},{c},{d},{n}))"
+        for n in ("0.5", "7.3", "200", "1e8")
+        for c, d in ((1, 1), (-1, 0.3), (-1, 0), (-1, -0.02), (1, -0.7), (-0.01, -1))
+        if not (d == -1 and n == "200")
+    ),
+    "lafortune:lobes=((-0.5,-0.5,1,20),(1,1,1,3)),rho_d=0.1",
+    "lafortune_scaled:s=0.5,n=3",
+    "lafortune_scaled",
+    "lafortune_scaled:s=0.999999,n=1e6",
 ]
 
 
@@ -109,6 +123,60 @@ def test_nodes_are_directions_and_their_sums() -> None:
         assert np.array_equal(heights[:, 0], heights[:, 1])
 
 
+@pytest.mark.parametrize("axis", [(-1.0, 0.3), (1.0, 1.0), (1.0, -0.7), (-0.2, 1.0), (-1.0, 0.0)])
+def test_half_spaces_of_axes_are_covered_once(axis: tuple[float, float]) -> None:
+    """The projected area within 90 degrees of a and above the horizon is pi/2 (1 + a.z)."""
+    n = COSINES.size
+    chart = RingsChart("axis", decay="algebraic", axis=axis)
+    found = integrate(
+        *(chart, lambda row, wi, wo, h: np.ones(wo.shape[1:]), COSINES, np.zeros(n)),
+        *(np.ones((n, 2)), True),
+        rtol=1e-10,
+        atol=1e-13,
+        limit=10**6,
+    )
+    s = np.sqrt((1.0 - COSINES) * (1.0 + COSINES))
+    length = np.hypot(axis[0] * s, axis[1] * COSINES)
+    with np.errstate(invalid="ignore"):
+        height = np.where(length > 0.0, axis[1] * COSINES / length, -1.0)
+    assert np.all(np.abs(found.value - 0.5 * math.pi * (1.0 + height)) <= found.error + 20 * EPS)
+    assert found.converged.all()
+
+
+@pytest.mark.parametrize("axis", [(-1.0, 0.3), (1.0, 1.0), (1.0, -0.7)])
+def test_nodes_about_an_axis_are_on_its_side(axis: tuple[float, float]) -> None:
+    n = COSINES.size
+    phi = np.linspace(-2.0, 3.0, n)
+    chart = RingsChart("axis", decay="cosine_power", axis=axis)
+    geometry, row, code, box = chart.panels(COSINES, phi, np.full((n, 2), 0.2), True)
+    u = np.array([0.1, 0.6, 0.95])
+    wi, wo, h, weight = chart.nodes(geometry[row], code, box, u, u)
+    np.testing.assert_allclose(np.sum(wo * wo, axis=0), 1.0, atol=20 * EPS)
+    np.testing.assert_allclose(h - wo, np.broadcast_to(wi[:, :, None], h.shape), atol=4 * EPS)
+    assert np.all(weight >= 0.0)
+    a = np.array([axis[0], axis[0], axis[1]])[:, None] * wi
+    # A cosine of 20 roundings from 90 degrees is a matter of rounding.
+    assert np.all(np.einsum("ik,ikj->kj", a, wo) >= -20 * EPS)
+
+
+def test_the_height_of_the_light_is_an_end_of_panels() -> None:
+    """A kink where n.v = n.l, as of max(n.l, n.v), costs nothing wherever the axis stands."""
+    c = np.array([0.9, 0.5, 0.1])
+
+    def larger(row: np.ndarray, wi: np.ndarray, wo: np.ndarray, h: np.ndarray) -> np.ndarray:
+        return np.maximum(wo[2], c[row][:, None])
+
+    for axis in ((-1.0, 0.3), (1.0, 0.8), (-1.0, -0.1)):
+        chart = RingsChart("axis", decay="algebraic", axis=axis)
+        found = integrate(
+            *(chart, larger, c, np.zeros(3), np.ones((3, 2)), True),
+            rtol=1e-11,
+            atol=0.0,
+            limit=10**4,
+        )
+        assert found.converged.all()
+
+
 def test_levels_are_ends_of_panels() -> None:
     """A step in n.v costs nothing where its place is known."""
     c = np.array([0.9, 0.5, 0.1])
@@ -130,6 +198,6 @@ def test_levels_are_ends_of_panels() -> None:
 def test_rings_are_for_isotropic_models() -> None:
     with pytest.raises(TypeError, match="isotropic"):
         RingsChart("slope").panels(COSINES, COSINES, np.ones((COSINES.size, 2)), False)
-    retro = albedo.model("lafortune", lobes=((1.0, 1.0, 1.0, 20.0),))
-    with pytest.raises(albedo.InputError, match="not about the mirror direction"):
-        rings_of(retro.parts()[0])
+    upright = albedo.model("lafortune", lobes=((0.0, 0.0, 1.0, 20.0),))
+    with pytest.raises(albedo.InputError, match="no chart of rings"):
+        rings_of(upright.parts()[0])

@@ -1,22 +1,26 @@
-r"""Rings of constant n.v, for integrands that know V's height as well as its distance from R.
+r"""Rings of constant n.v, for integrands that know V's height as well as its distance from an axis.
 
-V has the elevation e_v and the azimuth pi + chi from that of L, and D = e_l - e_v is how much
-lower it stands than R. For one height everything about the mirror direction is a function of
-sin(chi/2)^2:
+The axis is the mirror direction R, or (c l.x, c l.y, d l.z), which is R for c = -1 and d = 1. It
+lies in the plane of incidence at the elevation e_a, which may be below the horizon, on the side of
+R or on that of L. V has the elevation e_v and the azimuth chi from that of the axis, and
+D = e_a - e_v is how much lower it stands. For one height everything about the axis is a function
+of sin(chi/2)^2:
 
 ====================================  =============================  ==================
 tan^2 of the angle of H (``slope``)   tan(D/2)^2 + B sin(chi/2)^2    B = 4 s_l s_v/(n.l + n.v)^2
-sin^2 of half the angle (R, V)        sin(D/2)^2 + B sin(chi/2)^2    B = s_l s_v
+sin^2 of half the angle to the axis   sin(D/2)^2 + B sin(chi/2)^2    B = s_a s_v
 ====================================  =============================  ==================
 
-with the sines s_l and s_v of the polar angles. So curves of constant n.v, along which factors such
-as max(a(L), a(V)) have their kinks, are ends of panels; the horizon is e_v = 0; and the curves of
-the V-cavity masking, min(n.l, n.v) (n.h) = (v.h)/2, and of R.V = 0 are known in chi for each ring.
-They begin and end where chi is 0 or pi, at heights that are known too; there chi is a root, and
-nodes are clustered.
+with the sines s_l, s_a and s_v of the polar angles. So curves of constant n.v, along which factors
+such as max(a(L), a(V)) have their kinks, are ends of panels; the horizon is e_v = 0; and the curves
+of the V-cavity masking, min(n.l, n.v) (n.h) = (v.h)/2, and of 90 degrees from the axis are known in
+chi for each ring. They begin and end where chi is 0 or pi, at heights that are known too; there chi
+is a root, and nodes are clustered.
 
-Heights are stretched from R as scale sinh(s), on either side, the scale being the width of the
-lobe, or n.l where that is less; and from the horizon, where masking has a layer. In chi,
+Heights are stretched from the axis as scale sinh(s), on either side, the scale being the width of
+the lobe, or the elevation of the axis where that is less and the horizon has a layer; and from the
+horizon. Below an axis under the horizon there is nothing: its lobe falls from the horizon on, and
+ends where the ring chi = 0 is 90 degrees from it, at e_v = pi/2 + e_a. In chi,
 tan(chi/4) is stretched likewise, with the width that the lobe has on that ring.
 """
 
@@ -31,7 +35,7 @@ import numpy as np
 from albedo._compile import kernel
 from albedo.charts._compiled import CompiledChart, Kernel, clustered
 
-KINDS = {"slope": 0, "mirror": 1, "mirror_hemisphere": 2, "broad": 3}
+KINDS = {"slope": 0, "mirror": 1, "axis": 1, "mirror_hemisphere": 2, "broad": 3}
 KINKS = {"none": 0, "max": 1, "v_cavity": 2}
 DECAYS = {"algebraic": 0, "gaussian": 1, "cosine_power": 2}
 # A lobe is cut at 4.5e-19 of its peak, which it reaches at so many squares of its width.
@@ -41,6 +45,8 @@ _FOLDS = 4.0
 _THINNEST = 1e-18
 # Lobes that end within so many widths fall like Gaussians, whose core is so many wide.
 _ENDS, _CORE = 30.0, 2.0
+# R, of whose distance from V kernels lose nothing: they have it from H.
+MIRROR = (-1.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -49,17 +55,20 @@ class RingsChart(CompiledChart):
 
     Parameters
     ----------
-    kind : {"slope", "mirror", "mirror_hemisphere", "broad"}
-        What the lobe is a function of: the slope of H; the angle to R, below 90 degrees or at
-        all; or neither.
+    kind : {"slope", "mirror", "axis", "mirror_hemisphere", "broad"}
+        What the lobe is a function of: the slope of H; the angle to an axis below 90 degrees,
+        widths being those in half of it (``mirror``) or in all of it (``axis``, without layers
+        along the horizon); the angle to R at all; or neither.
     kinks : {"none", "max", "v_cavity"}
         Curves at which the integrand has a kink, beside those of `levels`.
     decay : {"algebraic", "gaussian", "cosine_power"}
         How the lobe falls; the last two are cut.
     edge : int
-        Power that clusters nodes at R.V = 0 (``mirror``).
+        Power that clusters nodes 90 degrees from the axis.
     thin : bool
         The layer along the horizon is as thin as the square of the width.
+    axis : tuple of float
+        c and d of the axis (c l.x, c l.y, d l.z); (-1, 1) is R, and (1, 1) L.
     levels : callable, optional
         Further values of n.v at which the integrand has kinks, for values of n.l: (n,) to (n, k),
         NaN where there are fewer. Compared by identity.
@@ -70,6 +79,7 @@ class RingsChart(CompiledChart):
     decay: str = "algebraic"
     edge: int = 1
     thin: bool = False
+    axis: tuple[float, float] = MIRROR
     levels: Callable[[np.ndarray], np.ndarray] | None = None
 
     def panels(
@@ -86,12 +96,25 @@ class RingsChart(CompiledChart):
             raise TypeError("rings of constant n.v are for isotropic models")
         c = cos_theta
         s = np.sqrt((1 - c) * (1 + c))
+        sideways, up = self.axis / np.abs(self.axis).max()
+        along = np.abs(sideways) * s
+        high, flat = np.arctan2(up * c, along), np.arctan2(along, np.abs(up) * c)
         width = np.clip(widths.min(1), 1e-12, 1.0)
         layer = widths.min(1) ** 2 if self.thin else width
         if self.kind == "broad":
             width = np.ones_like(c)
-        light = c, s, np.cos(phi), np.sin(phi), np.arctan2(c, s), np.arctan2(s, c)
-        geometry = np.column_stack((*light, width, np.maximum(layer, _THINNEST)))
+        scale = np.minimum(2.0 * width, high)
+        if self.kind == "axis":
+            # An axis below the horizon has a lobe that falls from the horizon on.
+            layer = np.where(high < 0.0, width * np.minimum(width * np.tan(flat), 1.0), width)
+            scale, width = width, np.minimum(math.sqrt(0.5) * widths.min(1), 1.0)
+        geometry = np.column_stack(
+            (
+                *(c, s, np.cos(phi), np.sin(phi), high, flat, width),
+                *(np.maximum(layer, _THINNEST), np.arctan2(c, s), np.sin(flat)),
+                *(np.maximum(scale, _THINNEST), np.full_like(c, math.copysign(1.0, -sideways))),
+            )
+        )
         levels = np.empty((c.size, 0)) if self.levels is None else self.levels(c)
         room = c.size * (40 + 8 * levels.shape[1]) + 64
         while True:
@@ -100,6 +123,16 @@ class RingsChart(CompiledChart):
             if count >= 0:
                 return geometry, row[:count].copy(), code[:count].copy(), box[:count].copy()
             room *= 2
+
+    def finest(self, width: float) -> float:
+        """The share of a lobe that nobody knows whose directions are rounded.
+
+        Parameters
+        ----------
+        width : float
+            Of the lobe, radians.
+        """
+        return 0.0 if self.axis == MIRROR else float(2.0 * np.finfo(np.float64).eps / width)
 
     @property
     def _structure(self) -> tuple[int, int, int, int]:
@@ -112,27 +145,21 @@ class RingsChart(CompiledChart):
 
 
 @kernel
-def _scale(g):
-    """Scale of heights about R."""
-    return max(min(2.0 * g[6], g[4]), _THINNEST)
-
-
-@kernel
 def elevation(g, side, s):
-    """Elevation of V, how far it stands below R, and the slope of the elevation.
+    """Elevation of V, how far it stands below the axis, and the slope of the elevation.
 
-    Sides: 0 below R, 1 along the horizon, 2 above R.
+    Sides: 0 below the axis, 1 along the horizon, 2 above the axis.
     """
-    e_l = g[4]
+    e_a = g[4]
     if side == 1:
         # Squares, because n.v has a root at the horizon in many models.
         x = math.sinh(s)
-        return g[7] * x * x, e_l - g[7] * x * x, 2.0 * g[7] * x * math.cosh(s)
-    d = _scale(g) * math.sinh(s)
-    slope = _scale(g) * math.cosh(s)
+        return g[7] * x * x, e_a - g[7] * x * x, 2.0 * g[7] * x * math.cosh(s)
+    d = g[10] * math.sinh(s)
+    slope = g[10] * math.cosh(s)
     if side == 0:
-        return e_l - d, d, slope
-    return e_l + d, -d, slope
+        return e_a - d, d, slope
+    return e_a + d, -d, slope
 
 
 @kernel
@@ -141,17 +168,20 @@ def stretched(g, side, e_v):
     if side == 1:
         return math.asinh(math.sqrt(max(e_v, 0.0) / g[7]))
     below = g[4] - e_v if side == 0 else e_v - g[4]
-    return math.asinh(below / _scale(g))
+    return math.asinh(below / g[10])
 
 
 @kernel
 def _ring(g, kind, kinks, decay, e_v, below):
     """What a ring holds: the scale of tan(chi/4), the end of chi and a kink (0: none), as
     tan(chi/4)."""
-    width = g[6]
     if kind == 3:
         # Broad models turn at right angles to the plane of incidence.
         return 1.0, 1.0, math.tan(0.125 * math.pi)
+    w2 = g[6] * g[6]
+    if g[4] < 0.0:
+        scale, last = _low_ring(g, decay, w2, e_v)
+        return scale, last, 0.0
     n_l, n_v = g[0], math.sin(e_v)
     s_v = math.cos(e_v)
     half = math.sin(0.5 * below)
@@ -159,9 +189,8 @@ def _ring(g, kind, kinks, decay, e_v, below):
         cosine = math.cos(0.5 * below)
         a, b = (half / cosine) ** 2, 4.0 * g[1] * s_v / (n_l + n_v) ** 2
     else:
-        a, b = half * half, g[1] * s_v
+        a, b = half * half, g[9] * s_v
     b = max(b, 1e-300)
-    w2 = width * width
     # On the ring an algebraic lobe is as wide as it is far from R, and a power of 1/(1 + tan^2)
     # falls as a + 1 does.
     spread = w2
@@ -177,7 +206,7 @@ def _ring(g, kind, kinks, decay, e_v, below):
     scale = 0.5 * math.sqrt(spread / b)
     if decay != 0:
         # What falls like a Gaussian is entire, and wants no more than some crowding at its core.
-        widths = math.sqrt(_cut(kind, decay, w2)) / width
+        widths = math.sqrt(_cut(kind, decay, w2) / w2)
         if widths < _ENDS:
             scale = min(_CORE / widths, 1.0) * last
     kink = 0.0
@@ -188,6 +217,22 @@ def _ring(g, kind, kinks, decay, e_v, below):
         if kink >= last:
             kink = 0.0
     return scale, last, kink
+
+
+@kernel
+def _low_ring(g, decay, w2, e_v):
+    """The scale of tan(chi/4) and the end of chi, for an axis below the horizon."""
+    # The cosine from the axis is that at chi = 0 less b sin(chi/2)^2.
+    cosine = max(math.sin(g[5] - e_v), 1e-300)
+    b = max(2.0 * g[9] * math.cos(e_v), 1e-300)
+    last = _quarter((cosine - _least(g, decay, w2)) / b)
+    return math.sqrt(0.5 * w2 * cosine / b), last
+
+
+@kernel
+def _least(g, decay, w2):
+    """The cosine from an axis below the horizon at which its lobe, largest there, is cut."""
+    return 0.0 if decay == 0 else g[9] * (1.0 - 2.0 * _cut(1, decay, w2))
 
 
 @kernel
@@ -230,34 +275,36 @@ def _add(cuts, corner, count, x, end, is_corner):
 
 @kernel
 def _special(g, kind, kinks, cut, reach, places):
-    """Fill how far V stands below R on the rings where curves of kinks have chi = 0 or pi.
+    """Fill how far V stands below the axis where curves of kinks have chi = 0 or pi.
 
     The end of a lobe is such a curve too: beyond, nodes would be where nothing is.
     """
-    e_l, theta = g[4], g[5]
+    e_a, flat = g[4], g[5]
     n = 0
+    if e_a < 0.0:
+        return n
     if kinks == 2:
         # V masked ahead and behind; L masked ahead and behind.
-        places[0] = 2.0 / 3.0 * e_l
-        places[1] = (math.pi - 4.0 * theta) / 3.0
-        places[2] = -2.0 * e_l
-        places[3] = math.pi - 4.0 * theta
+        places[0] = 2.0 / 3.0 * e_a
+        places[1] = (math.pi - 4.0 * flat) / 3.0
+        places[2] = -2.0 * e_a
+        places[3] = math.pi - 4.0 * flat
         n = 4
         if places[1] < 0.0:
             places[1] = math.nan
         if places[3] > 0.0:
             places[3] = math.nan
     if kind == 1:
-        places[n] = e_l - theta
+        places[n] = e_a - flat
         n += 1
     if reach < math.inf:
-        places[n] = reach - 2.0 * theta
+        places[n] = reach - 2.0 * flat
         n += 1
         if kinks == 2 and cut < 1.0:
             # Where the lobe ends on the curve of masking, below R and above.
             ratio = (1.0 + cut) / (3.0 - cut)
-            places[n] = e_l - math.asin(g[0] * ratio)
-            places[n + 1] = e_l - math.asin(min(g[0] / ratio, 1.0))
+            places[n] = e_a - math.asin(g[0] * ratio)
+            places[n + 1] = e_a - math.asin(min(g[0] / ratio, 1.0))
             n += 2
     return n
 
@@ -271,7 +318,7 @@ def _panels(geometry, levels, coarse, kind, kinks, decay, edge, row, code, box):
     count = 0
     for i in range(geometry.shape[0]):
         g = geometry[i]
-        e_l, theta = g[4], g[5]
+        e_a, flat = g[4], g[5]
         cut = reach = math.inf
         if decay != 0 and kind != 3:
             cut = _cut(kind, decay, g[6] * g[6])
@@ -280,35 +327,38 @@ def _panels(geometry, levels, coarse, kind, kinks, decay, edge, row, code, box):
         known = 0 if coarse else _special(g, kind, kinks, cut, reach, places)
         for side in range(3):
             # The variable is D, e_v and -D on the three sides.
-            first, last = 0.0, 0.5 * e_l
+            first, last = 0.0, 0.5 * e_a
             if side == 0:
                 last = min(last, reach)
             elif side == 1:
-                first = max(e_l - reach, 0.0)
+                first = max(e_a - reach, 0.0)
             else:
-                last = min(theta, reach)
-            if not last > first:
+                last = min(flat, reach)
+            if e_a < 0.0:
+                first, last = 0.0, flat - math.asin(_least(g, decay, g[6] * g[6]))
+            if not last > first or (e_a < 0.0 and side != 1):
                 continue
             cuts[0], corner[0] = first, False
             m = 1
             for k in range(known):
                 x = places[k]
                 if side == 1:
-                    x = e_l - x
+                    x = e_a - x
                 elif side == 2:
                     x = -x
                 if x > first:
                     m = _add(cuts, corner, m, x, last, True)
-            for k in range(0 if coarse else levels.shape[1]):
-                e_v = math.asin(min(levels[i, k], 1.0))
-                x = e_l - e_v
+            # Factors such as max(n.l, n.v) have a kink at L's height, wherever the axis stands.
+            for k in range(0 if coarse else levels.shape[1] + 1):
+                e_v = g[8] if k == levels.shape[1] else math.asin(min(levels[i, k], 1.0))
+                x = e_a - e_v
                 if side == 1:
                     x = e_v
                 elif side == 2:
                     x = -x
                 if x > first:
                     m = _add(cuts, corner, m, x, last, False)
-            cuts[m], corner[m] = last, False
+            cuts[m], corner[m] = last, e_a < 0.0
             for k in range(m):
                 if cuts[k + 1] - cuts[k] <= 1e-13 * last:
                     continue
@@ -344,7 +394,7 @@ def _rings(
     if side == 1:
         s0, s1 = math.asinh(math.sqrt(low / g[7])), math.asinh(math.sqrt(high / g[7]))
     else:
-        s0, s1 = math.asinh(low / _scale(g)), math.asinh(high / _scale(g))
+        s0, s1 = math.asinh(low / g[10]), math.asinh(high / g[10])
     pieces = 1 if coarse else max(1, math.ceil((s1 - s0) / _FOLDS))
     for piece in range(pieces):
         v0 = s0 + (s1 - s0) * piece / pieces
@@ -390,7 +440,7 @@ def _nodes(geometry, code, box, u, v, numbers, wi, wo, h, weight):
     kind, kinks, decay, edge = int(numbers[0]), int(numbers[1]), int(numbers[2]), int(numbers[3])
     for k in range(box.shape[0]):
         g = geometry[k]
-        n_l, s_l, cos_phi, sin_phi = g[0], g[1], g[2], g[3]
+        n_l, s_l, cos_phi, sin_phi, away = g[0], g[1], g[2], g[3], g[11]
         wi[0, k], wi[1, k], wi[2, k] = s_l * cos_phi, s_l * sin_phi, n_l
         side, part = code[k, 0], code[k, 2]
         u0, u1, v0, v1, first, final = box[k]
@@ -404,8 +454,11 @@ def _nodes(geometry, code, box, u, v, numbers, wi, wo, h, weight):
             ring = (
                 2.0 * n_v * s_v * slope * (final - first) * dx * (v1 - v0) * (u1 - u0) * (t1 - t0)
             )
-            # s_l - s_v, and n.l + n.v.
-            shift = -2.0 * math.sin(0.5 * below) * math.sin(0.5 * (e_v + g[4]))
+            # H ahead of the normal where chi = 0: s_l - s_v, or s_l + s_v about the side of L.
+            shift = s_l + s_v
+            if away > 0.0:
+                lower = below + (g[8] - g[4])
+                shift = -2.0 * math.sin(0.5 * lower) * math.sin(0.5 * (e_v + g[8]))
             height = n_l + n_v
             to_edge = edge > 1 and part != 0
             for iu in range(u.size):
@@ -420,13 +473,16 @@ def _nodes(geometry, code, box, u, v, numbers, wi, wo, h, weight):
                 inverse = 1.0 / (1.0 + q * q)
                 # sin and cos of chi/2.
                 sine, cosine = 2.0 * q * inverse, (1.0 - q) * (1.0 + q) * inverse
-                along, across = shift + 2.0 * s_v * sine * sine, -2.0 * s_v * sine * cosine
+                turned = 2.0 * away * s_v * sine
+                along, across = shift + turned * sine, -turned * cosine
                 i = iu * v.size + iv
                 h[0, k, i] = along * cos_phi - across * sin_phi
                 h[1, k, i] = along * sin_phi + across * cos_phi
                 h[2, k, i] = height
-                wo[0, k, i] = h[0, k, i] - wi[0, k]
-                wo[1, k, i] = h[1, k, i] - wi[1, k]
+                # Not h less wi, which would round more: narrow lobes see every ulp.
+                ahead = -away * s_v * (cosine - sine) * (cosine + sine)
+                wo[0, k, i] = ahead * cos_phi - across * sin_phi
+                wo[1, k, i] = ahead * sin_phi + across * cos_phi
                 wo[2, k, i] = n_v
                 weight[k, i] = (
                     ring * stretch * 4.0 * inverse * scale * (1.0 + 0.5 * (grown - shrunk))

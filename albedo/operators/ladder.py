@@ -25,10 +25,11 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from albedo.brdf import Model, Part
+from albedo.charts.axis import AxisChart
 from albedo.charts.cosine import CosineChart
 from albedo.charts.heights import FIRST, LAST, LOWEST, folded, unfolded
 from albedo.charts.polar import PolarChart
-from albedo.charts.rings import RingsChart
+from albedo.charts.rings import MIRROR, RingsChart
 from albedo.errors import InputError
 from albedo.integrators.cells import rules_by_order
 from albedo.operators.divisor import (
@@ -64,6 +65,18 @@ _SHARE, _ROUNDS, _NARROWEST = 0.05, 12, 1e-6
 _HIDDEN = 0.001
 
 
+# What charts of lobes are as rings: their kind, and their axis.
+_RETRO = (1.0, 1.0)
+_KINDS = {
+    "slope": ("slope", MIRROR),
+    "mirror": ("mirror", MIRROR),
+    "mirror_in_slopes": ("mirror", MIRROR),
+    "mirror_hemisphere": ("mirror_hemisphere", MIRROR),
+    "retro": ("mirror", _RETRO),
+    "retro_hemisphere": ("mirror_hemisphere", _RETRO),
+}
+
+
 @dataclass(frozen=True)
 class _Both:
     """The levels of two operators, one over the other."""
@@ -81,14 +94,14 @@ def rings_of(part: Part, levels: Any = None) -> RingsChart:
     Parameters
     ----------
     part : Part
-        With a chart about the mirror direction, or for what is broad.
+        With a chart about an axis in the plane of incidence, or for what is broad.
     levels : callable, optional
         See `albedo.charts.rings.RingsChart`.
 
     Raises
     ------
     InputError
-        For parts whose lobes lie elsewhere.
+        For parts with other charts.
     """
     chart = part.chart
     if isinstance(chart, RingsChart):
@@ -98,13 +111,22 @@ def rings_of(part: Part, levels: Any = None) -> RingsChart:
         return replace(chart, levels=_Both(chart.levels, levels))
     if isinstance(chart, CosineChart):
         return RingsChart("broad", "max", levels=levels)
-    if isinstance(chart, PolarChart) and chart.kind in ("slope", "mirror", "mirror_hemisphere"):
-        edge = chart.edge if chart.kind == "mirror" else 1
+    # Where the axis is always N the albedo falls to 0 at the horizon as (n.l)^n does, and what is
+    # next to nothing there is much once it is divided by that: no series on panels holds it.
+    if isinstance(chart, AxisChart) and chart.coefficients[0] != 0.0:
+        axis = chart.coefficients[1:]
+        return RingsChart("axis", "none", chart.decay, chart.edge, axis=axis, levels=levels)
+    if isinstance(chart, PolarChart) and chart.kind in _KINDS:
+        kind, axis = _KINDS[chart.kind]
+        edge = chart.edge if kind == "mirror" else 1
         thin = chart.layer == 2
-        return RingsChart(chart.kind, chart.kinks, chart.decay, edge, thin, levels)
-    raise InputError(
-        f"the {part.name} part cannot be pumped up: its lobe is not about the mirror direction"
-    )
+        return RingsChart(kind, chart.kinks, chart.decay, edge, thin, axis, levels)
+    raise InputError(f"the {part.name} part has no chart of rings of constant n.v")
+
+
+def _finest(part: Part) -> float:
+    """How precisely integrals around the rings of a part can be had."""
+    return max(_FINEST, rings_of(part).finest(min(part.widths)))
 
 
 @cache
@@ -245,7 +267,7 @@ class Ladder:
         return [self._profile(part, c, rtol) for part in self.model.parts()]
 
     def _profile(self, part: Part, c: np.ndarray, rtol: float) -> Profiles:
-        profiles = Profiles.of(self.model, part, rings_of(part), c, rtol)
+        profiles = Profiles.of(self.model, part, rings_of(part), c, max(rtol, _finest(part)))
         for done in range(1, len(self.curves) + 1):
             self._meet(profiles, self.divisor(done), c)
         return profiles
@@ -329,10 +351,10 @@ class Ladder:
         changed = False
         for k, (profiles, part) in enumerate(zip(self._parts, self.model.parts(), strict=True)):
             excess = of_panels[k] * len(self._parts) / goal
-            rows = np.flatnonzero((excess > 1.0) & (profiles.inner > _FINEST))
+            rows = np.flatnonzero((excess > 1.0) & (profiles.inner > _finest(part)))
             if rows.size:
                 finer = (profiles.inner[rows] / excess[rows]).min() * _AHEAD
-                fresh = self._profile(part, self._cos[rows], max(finer, _FINEST))
+                fresh = self._profile(part, self._cos[rows], finer)
                 self._parts[k] = profiles.replaced(rows, fresh)
                 changed = True
         return changed

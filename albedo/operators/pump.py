@@ -128,7 +128,7 @@ class Pumped(Model):
 
     @cached_property
     def _in_rings(self) -> bool:
-        """Whether all lobes lie about the mirror direction, and no azimuth is told from another."""
+        """Whether all parts have charts of rings, and no azimuth is told from another."""
         return self.base.isotropic and all(_is_ring(part) for part in self.base.parts())
 
     @property
@@ -155,8 +155,8 @@ class Pumped(Model):
     def albedos(self) -> tuple[Any, ...]:
         """The albedos a_0, ..., a_(k-1) that the steps divide by, with their errors.
 
-        `albedo.operators.divisor.LogCurve` where lobes lie about the mirror direction and the base
-        is isotropic, else `albedo.operators.maps.LogMap`.
+        `albedo.operators.divisor.LogCurve` where the base is isotropic and its parts have rings,
+        else `albedo.operators.maps.LogMap`.
         """
         return tuple(self._steps.albedos(self.steps))
 
@@ -294,9 +294,9 @@ def pump(
         larger (eq. 21); or the first, but the product of all divisors is at least
         max(n.l, n.v).
     rtol : float, optional
-        What the albedos that are divided by are to be worth: 2e-10 by default; 1e-5 where lobes
-        lie elsewhere than about the mirror direction, and 1e-4 where albedos depend on the
-        azimuth. The error that they leave in the result is part of its bound.
+        What the albedos that are divided by are to be worth: 2e-10 by default; 1e-4 where they
+        depend on the azimuth, and 1e-5 where a part of an isotropic model has no rings. The error
+        that they leave in the result is part of its bound.
 
     Returns
     -------

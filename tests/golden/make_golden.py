@@ -309,7 +309,8 @@ class Spec:
         """Read a model name; numbers become doubles."""
         name, _, rest = text.partition(":")
         params: dict[str, float | str] = {}
-        for item in filter(None, rest.split(",")):
+        # Commas inside of parentheses belong to a value.
+        for item in filter(None, re.split(r",(?![^(]*\))", rest)):
             key, _, value = item.partition("=")
             try:
                 params[key] = float(value)

@@ -24,8 +24,8 @@ All models here are isotropic, so albedos and divisors know only the elevations 
 *Rings* are closed forms.  With c = sin(x) + sin(y) and the cosine ``r.v = A + B cos(phi)`` of V
 with the mirror direction, A = sin(x) sin(y), B = cos(x) cos(y):
 
-- Phong's, for an integer exponent, by the recurrence of the integrals of (A + B cos(phi))^n over
-  the angles where it is positive;
+- Phong's and Lafortune's, for an integer exponent, by the recurrence of the integrals of
+  (A + B cos(phi))^n over the angles where it is positive;
 - Blinn's, for an even exponent, as Laplace's integral of a Legendre polynomial:
   (n.h)^2 = c^2/(2 (1 + A - B cos(phi))), and (1 + A)^2 - B^2 = c^2;
 - Ward's by the Bessel function I_0;
@@ -96,7 +96,6 @@ Ring = Callable[[Real, Real, Real], Real]  # of y, sin(y) and cos(y)
 class Base:
     """A model: the integrals of f around rings of constant elevation."""
 
-    clipped = False  # the horizon clips rings where x + y < pi/2
     special: tuple[float, ...] = ()  # elevations, in units of pi, where albedos are not smooth
     kinked = False  # a_0 itself is not smooth there
 
@@ -107,20 +106,24 @@ class Base:
         """I(x, .)."""
         raise NotImplementedError
 
+    def edge(self, x: Real) -> Real | None:
+        """The elevation below which rings are clipped."""
+        return None
+
     def value(self, x: Real, y: Real, cos_phi: Real) -> Real:
-        """f itself; cos_phi is that of the azimuth from the mirror direction.  For checks."""
+        """f itself; cos_phi is that of the azimuth from the lobe.  For checks."""
         raise NotImplementedError
 
 
 class Phong(Base):
     """c (r.v)^n, or c (r.v)^n / max(n.l, n.v)."""
 
-    clipped = True
-    special = (0.25,)
+    special = (0.25,)  # where a ring of the same elevation begins to be clipped
 
     def __init__(self, spec: Spec) -> None:
         super().__init__(spec)
         n = spec.real("n")
+        self.across = self.along = AR.num(1)
         self.n = int(n)
         if self.n != n or self.n < 1:
             raise ValueError("only for positive integer exponents")
@@ -129,12 +132,13 @@ class Phong(Base):
 
     def ring(self, x: Real) -> Ring:
         n, scale, over_larger = self.n, self.scale, self.over_larger
-        sin_x, cos_x = AR.sin(x), AR.cos(x)
+        sin_x, cos_x, longer = AR.sin(x), AR.cos(x), self.across - self.along
+        along, across, both = self.along * sin_x, self.across * cos_x, self.across
         pi, sqrt, asin, cos = AR.pi, AR.sqrt, AR.asin, AR.cos
 
         def value(y: Real, sin_y: Real, cos_y: Real) -> Real:
-            a, b = sin_x * sin_y, cos_x * cos_y
-            short = cos(x + y)  # b - a
+            a, b = along * sin_y, across * cos_y
+            short = both * cos(x + y) + longer * sin_x * sin_y  # b - a
             if short > 0 and b > 0:
                 now = pi - 2 * asin(sqrt(short / (2 * b)))
                 before, now = now, a * now + sqrt(short * (a + b))
@@ -148,11 +152,31 @@ class Phong(Base):
 
         return value
 
+    def edge(self, x: Real) -> Real:
+        return AR.pi / 2 - AR.atan(self.along * AR.sin(x) / (self.across * AR.cos(x)))
+
     def value(self, x: Real, y: Real, cos_phi: Real) -> Real:
         sin_x, sin_y = AR.sin(x), AR.sin(y)
-        lobe = sin_x * sin_y + AR.cos(x) * AR.cos(y) * cos_phi
+        lobe = self.along * sin_x * sin_y + self.across * AR.cos(x) * AR.cos(y) * cos_phi
         result = self.scale * lobe**self.n if lobe > 0 else 0 * lobe
         return result / max(sin_x, sin_y) if self.over_larger else result
+
+
+class Lafortune(Phong):
+    """One lobe (c, c, d, n): (A + B cos(phi))^n, A = d sin(x) sin(y) and B = |c| cos(x) cos(y).
+
+    The azimuth phi is that from its axis, which is on the side of the mirror direction for c < 0
+    and on that of the light for c > 0.
+    """
+
+    def __init__(self, spec: Spec) -> None:
+        Base.__init__(self, spec)
+        c, other, d, n = (float(number) for number in spec.word("lobes", "").strip("()").split(","))
+        if c != other or c == 0 or d <= 0 or n != int(n) or n < 1:
+            raise ValueError("only for one isotropic lobe above the horizon, of integer exponent")
+        self.across, self.along, self.n = AR.num(abs(c)), AR.num(d), int(n)
+        self.scale, self.over_larger = AR.num(1), False
+        self.special = (math.atan(math.sqrt(abs(c) / d)) / math.pi,)
 
 
 class Blinn(Base):
@@ -298,6 +322,7 @@ class OrenNayar(Base):
 BASES: dict[str, type[Base]] = {
     "phong": Phong,
     "max_phong": Phong,
+    "lafortune": Lafortune,
     "blinn": Blinn,
     "ward": Ward,
     "cook_torrance": Ggx,
@@ -565,7 +590,7 @@ class Pump:
         cuts = [x, *(b for curve in self.curves for b in curve.breaks)]
         if self.curves:
             cuts += self.changes(x, here)
-        edge = top - x if base.clipped else None
+        edge = base.edge(x)
         if edge is not None:
             cuts.append(edge)
         cuts = merged([y for y in cuts if plan.lowest < y < top], keep=(x, edge))
@@ -743,7 +768,8 @@ def check() -> None:
         for x, y in ((1.2, 0.9), (0.3, 0.5), (0.01, 0.3), (0.002, 0.0017), (1.5, 0.04)):
             x, y = AR.num(x), AR.num(y)
             ring = AR.to_mp(base.ring(x)(y, AR.sin(y), AR.cos(y)))
-            clip = AR.sin(x) * AR.sin(y) / (AR.cos(x) * AR.cos(y))
+            edge = base.edge(x)
+            clip = AR.tan(y) / AR.tan(edge) if edge is not None else AR.num(0)
             ends = [AR.pi, AR.acos(-clip) if clip < 1 else AR.pi / 2, AR.pi / 2]
             ends += [AR.num(10.0**-k) for k in range(5)] + [AR.num(0)]
 
@@ -755,7 +781,8 @@ def check() -> None:
             worst = max(worst, abs(float(whole / ring - 1)))
         print(f"{model}: rings {worst:.1g}", end="", flush=True)
         assert worst < 1e-22, model
-        for cos_theta in (0.9, 0.1, 1e-3):
+        # The other script knows no lobe of Lafortune's.
+        for cos_theta in () if isinstance(base, Lafortune) else (0.9, 0.1, 1e-3):
             mine = albedo(Row(model, "none", 0, cos_theta), 1)
             other = make_golden.albedo(Spec.parse(model), cos_theta, 0.0, 1)
             gap = abs(float(mine / other - 1))
@@ -770,6 +797,9 @@ def check() -> None:
 
 GGX = "cook_torrance:m=0.3,distribution=ggx,geometry=smith_correlated"
 COSINES = (0.9, 0.5, 0.1, 1e-3)
+# Towards the light, and off the mirror direction.
+RETRO = "lafortune:lobes=((0.9,0.9,0.9,10))"
+LEANING = "lafortune:lobes=((-0.9,-0.9,0.6,5))"
 
 
 def table() -> Iterator[Row]:
@@ -781,6 +811,10 @@ def table() -> Iterator[Row]:
     yield from _grid("oren_nayar:sigma=0.3", CONTROLS)
     yield from _grid("max_phong:n=20", CONTROLS)
     yield from _grid(GGX, CONTROLS)
+    for cos_theta in COSINES:
+        yield Row(RETRO, "none", 1, cos_theta)
+        yield Row(LEANING, "none", 1, cos_theta)
+        yield Row(LEANING, "cumulative", 1, cos_theta)
 
 
 def _grid(model: str, controls: tuple[str, ...]) -> Iterator[Row]:
