@@ -12,6 +12,7 @@ from albedo._compile import kernel
 from albedo.brdf import Choice, Color, Model, Part, Real
 from albedo.charts.cosine import CosineChart
 from albedo.charts.polar import PolarChart
+from albedo.charts.tail_rings import TailRingsChart
 from albedo.fresnel import schlick
 from albedo.geometry import v_dot_h
 
@@ -217,8 +218,10 @@ class Schlick(Model):
             stretch = isotropy if self.azimuth == "normalised" else math.sqrt(isotropy)
             if b > 0.0:
                 plain = self.form == "plain"
-                chart = PolarChart("slope")
-                if not plain:
+                chart: Any = PolarChart("slope")
+                if self.isotropic:
+                    chart = TailRingsChart(layer=1 if plain else 2)
+                elif not plain:
                     chart = PolarChart("slope", edge=2, origin=2, layer=2)
                 widths = (math.sqrt(r) * stretch, math.sqrt(r))
                 parts.append(Part("specular" + suffix, fills[k][0], chart, widths))

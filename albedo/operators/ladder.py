@@ -29,6 +29,7 @@ from albedo.charts.cosine import CosineChart
 from albedo.charts.heights import FIRST, LAST, LOWEST, folded, unfolded
 from albedo.charts.polar import PolarChart
 from albedo.charts.rings import RingsChart
+from albedo.charts.tail_rings import TailRingsChart
 from albedo.errors import InputError
 from albedo.integrators.cells import rules_by_order
 from albedo.operators.divisor import CONTROLS, FLAT, NODES, ORDER, Divisor, LogCurve, straight
@@ -94,6 +95,8 @@ def rings_of(part: Part, levels: Any = None) -> RingsChart:
         edge = chart.edge if chart.kind == "mirror" else 1
         thin = chart.layer == 2
         return RingsChart(chart.kind, chart.kinks, chart.decay, edge, thin, levels)
+    if isinstance(chart, TailRingsChart):
+        return RingsChart("slope", thin=chart.layer == 2, levels=levels)
     raise InputError(
         f"the {part.name} part cannot be pumped up: its lobe is not about the mirror direction"
     )
