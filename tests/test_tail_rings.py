@@ -109,16 +109,23 @@ def test_operators_and_draws_know_the_lobe() -> None:
 
 @pytest.mark.parametrize(
     ("form", "layers", "most"),
-    [("plain", "1", 9_000), ("shadowed", "1", 9_000), ("residual", "1", 11_000)]
-    + [("residual", "2", 20_000)],
+    [
+        ("plain", "1", 10_000),
+        ("shadowed", "1", 10_000),
+        ("residual", "1", 14_000),
+        ("residual", "2", 25_000),
+    ],
 )
-def test_the_cost_does_not_grow_with_sharpness(form: str, layers: str, most: int) -> None:
-    """Measured: 7728, 7652, 9376 and 18276 at most."""
+@pytest.mark.parametrize("color", [1.0, 0.04])
+def test_the_cost_does_not_grow_with_sharpness(
+    form: str, layers: str, most: int, color: float
+) -> None:
+    """Measured on finer grids: 9200, 8232, 12184 and 22720 at most, the last of four integrals."""
     cosines = np.geomspace(1e-9, 1.0, 73)
     for r in np.geomspace(1e-12, 1.0, 13):
-        model = albedo.model("schlick", roughness=r, form=form)
+        model = albedo.model("schlick", roughness=r, form=form, color=color)
         if layers == "2":
-            model = model.replace(layers="2", color=0.5, roughness2=r)
+            model = model.replace(layers="2", color=0.5 * color, roughness2=r)
         found = albedo.directional_albedo(model, cosines)
         assert found.converged.all()
         assert found.evaluations.max() <= most

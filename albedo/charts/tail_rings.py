@@ -26,7 +26,7 @@ from albedo.charts._compiled import CompiledChart, Kernel
 from albedo.charts.rings import elevation, stretched
 
 # Most e-folds of a panel in height, and in the tail of a ring. Measured, as is `_NARROW`.
-_FOLDS, _TAIL_FOLDS = 5.0, 7.0
+_FOLDS, _TAIL_FOLDS = 6.0, 7.0
 # The core of a narrow lobe ends where tan(f) is the inverse of this, of a wide one sooner.
 _NARROW = 1.0 / 64.0
 _THINNEST = 1e-18
@@ -97,14 +97,19 @@ def _folds(k, edge):
 
 
 @kernel
-def _heights(g, side):
-    """Range of the variable of `elevation` on a side, and its e-folds; both 0 where it is empty."""
-    # Where L stands lower than the lobe is wide, heights are counted from the horizon only.
-    if g[4] < g[6]:
-        last = stretched(g, 1, 0.5 * math.pi) if side == 1 else 0.0
-    else:
-        last = stretched(g, side, 0.5 * math.pi if side == 2 else 0.5 * g[4])
-    return last, 2.0 * last if side == 1 else last
+def _heights(g, span):
+    """One of three spans of heights: its side, and the ends of the variable of `elevation`.
+
+    Where L stands lower than the lobe is wide, heights are counted from the horizon only, and the
+    spans end where the lobe does.
+    """
+    if g[4] >= g[6]:
+        return span, 0.0, stretched(g, span, 0.5 * math.pi if span == 2 else 0.5 * g[4])
+    last = stretched(g, 1, 0.5 * math.pi)
+    wide = min(stretched(g, 1, g[6]), last)
+    if span == 0:
+        return 1, 0.0, wide
+    return 1, wide, last if span == 1 else wide
 
 
 @kernel
@@ -113,15 +118,15 @@ def _panels(geometry, coarse, row, code, box):
     count = 0
     for i in range(geometry.shape[0]):
         g = geometry[i]
-        for side in range(3):
-            last, folds = _heights(g, side)
-            if not last > 0.0:
+        for span in range(3):
+            side, first, last = _heights(g, span)
+            if not last > first:
                 continue
-            pieces = max(1, math.ceil(folds / _FOLDS))
-            if coarse:
-                pieces = min(pieces, 2) if side == 1 else 1
+            folds = (last - first) * (2.0 if side == 1 else 1.0)
+            pieces = 1 if coarse else max(1, math.ceil(folds / _FOLDS))
             for piece in range(pieces):
-                v0, v1 = last * piece / pieces, last * (piece + 1) / pieces
+                v0 = first + (last - first) * piece / pieces
+                v1 = first + (last - first) * (piece + 1) / pieces
                 turns = 0
                 if not coarse:
                     longest = 0.0
@@ -134,10 +139,11 @@ def _panels(geometry, coarse, row, code, box):
                     return -1
                 for turn in range(1 + turns):
                     row[count] = i
-                    code[count, 0], code[count, 1] = side, 1
+                    code[count, 0], code[count, 1] = side, min(turn, 1)
                     code[count, 2] = _ALL if coarse else min(turn, 1)
-                    box[count, 0] = max(turn - 1, 0) / max(turns, 1)
-                    box[count, 1] = max(turn, 1) / max(turns, 1) if turn > 0 else 1.0
+                    box[count, 0], box[count, 1] = 0.0, 1.0
+                    if turn > 0:
+                        box[count, 0], box[count, 1] = (turn - 1) / turns, turn / turns
                     box[count, 2], box[count, 3] = v0, v1
                     count += 1
     return count
