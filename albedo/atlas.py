@@ -25,7 +25,7 @@ from albedo.catalogue import models
 from albedo.errors import InputError
 from albedo.estimate import Estimate
 from albedo.files import atomic_file, save_table
-from albedo.grammar import ModelSpec, parse, parse_numbers
+from albedo.grammar import ModelSpec, parse_model, parse_numbers
 from albedo.quadrature import warn_unconverged
 from albedo.tables import Plan, plan_table
 
@@ -90,9 +90,8 @@ def sheets(rtol: float = 1e-8) -> Iterator[Sheet]:
     for name, kind in models().items():
         always = True
         for number, line in enumerate(kind.tables):
-            spec = parse(f"{name}:{line}" if line else name)
-            first = next(spec.assignments())
-            model = ModelSpec(spec.name, {**spec.fixed, **first}).model()
+            spec = parse_model(f"{name}:{line}" if line else name, "A table")
+            model = next(spec.models())
             turned = not model.isotropic
             phi = np.linspace(0.0, 0.5 * np.pi, AZIMUTHS) if turned else 0.0
             sweep = {key: list(values) for key, values in spec.sweep.items()}

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from albedo.grammar import ModelSpec
+    from albedo.grammar import Spec
     from albedo.studies import Result
 
 BAD_INPUT = 2
@@ -98,7 +98,7 @@ ModelArgument = Annotated[
     typer.Argument(
         metavar="MODEL",
         help="A model with its parameters, such as ward:m=0.1; sweeps such as ward:m=0.02..1/32 "
-        "or ward:m=[.1,.2,.5] are allowed.",
+        "or ward:m=[.1,.2,.5] and sums such as 'phong:n=20 + 0.3*lambert' are allowed.",
         autocompletion=_complete_model,
     ),
 ]
@@ -107,7 +107,7 @@ OptionalModelArgument = Annotated[
     typer.Argument(
         metavar="MODEL",
         help="A model with its parameters, such as ward:m=0.1; sweeps such as ward:m=0.02..1/32 "
-        "or ward:m=[.1,.2,.5] are allowed.",
+        "or ward:m=[.1,.2,.5] and sums such as 'phong:n=20 + 0.3*lambert' are allowed.",
         autocompletion=_complete_model,
     ),
 ]
@@ -215,7 +215,8 @@ def _main(
 
     A model is written as its name and parameters: ward:m=0.1, or
     cook_torrance:m=0.3,distribution=ggx. A sweep is m=0.02..1/32 (32 even steps),
-    m=0.001..1/32log, or m=[.1,.2,.5]; a vector is (.9,.5,.1).
+    m=0.001..1/32log, or m=[.1,.2,.5]; a vector is (.9,.5,.1). Models add up, each times a number:
+    "phong:n=20 + 0.3*lambert", or "0.5*(phong:n=20 + lambert)".
 
     \b
     Examples:
@@ -333,6 +334,7 @@ def evaluate(
       albedo eval ward:m=0.1 --theta 0,60,85
       albedo eval phong:n=1e6 --cos 1,0.5,1e-3 --rtol 1e-12
       albedo eval "ward:m=[.1,.2,.5]" --average
+      albedo eval "phong:n=20,rho_s=0.4 + 0.3*lambert" --cos 0.5
       albedo eval ward:alpha_x=0.1,alpha_y=0.3 --theta 60 --phi 0,45,90 --json
       albedo eval ward:m=0.1 --theta 60 --method mc --samples 1e6 --sequence sobol --seed 7
     """
@@ -582,20 +584,26 @@ def table(
 
     check_output(output, (".nc", ".csv"))
     spec = parse(model)
+    sweep = {}
+    if isinstance(spec, ModelSpec):
+        sweep = {key: list(values) for key, values in spec.sweep.items()}
+    elif spec.count > 1:
+        raise InputError(
+            f"A table sweeps the parameters of one model; '{spec}' sweeps within a sum."
+        )
     cosines, _ = _incidence(cos, theta, default_cos="0.01..1/32")
     azimuths = np.array([_radians(azimuth) for azimuth in _azimuths(phi)])
     for what, values in (("angles of incidence", cosines), ("azimuths", azimuths)):
         if len(np.unique(values)) < len(values):
             raise InputError(f"The {what} of a table must differ, and two of them are the same.")
     # The first combination stands for the parameters that are swept; all of them get checked.
-    first = next(spec.assignments())
-    base = ModelSpec(spec.name, {**spec.fixed, **first}).model()
+    base = next(spec.models())
     with _warnings_as_lines(), _compiling(spec), _progress("computing the table", None) as advance:
         dataset = albedo.table(
             base,
             cos_theta=cosines,
             phi=azimuths,
-            sweep={key: list(values) for key, values in spec.sweep.items()},
+            sweep=sweep,
             rtol=rtol,
             fixed=fixed,
             complement=complement,
@@ -1180,12 +1188,10 @@ def _radians(degrees: float) -> float:
     return math.radians(degrees)
 
 
-def _labelled(spec: ModelSpec) -> Iterator[tuple[str, Any]]:
+def _labelled(spec: Spec) -> Iterator[tuple[str, Any]]:
     """Models with the shortest text that names each: what was written, without the defaults."""
-    from albedo.grammar import format_spec
-
-    for values, model in zip(spec.assignments(), spec.models(), strict=True):
-        yield format_spec(spec.name, {**spec.fixed, **values}), model
+    for single in spec.singles():
+        yield str(single), single.model()
 
 
 @contextmanager
@@ -1199,7 +1205,7 @@ def _warnings_as_lines() -> Iterator[None]:
 
 
 @contextmanager
-def _compiling(*models: ModelSpec) -> Iterator[None]:
+def _compiling(*models: Spec) -> Iterator[None]:
     """Share what a first call has to compile between two processes."""
     from albedo._compile import second_compiler
 

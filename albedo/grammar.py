@@ -6,6 +6,8 @@
     ward:m=0.02..1/32                                       a sweep: 32 even steps, both ends in
     ward:m=0.001..1/32log                                   the same, evenly spaced in the logarithm
     ward:m=[.1,.2,.5]                                       a sweep over listed values
+    phong:n=20,rho_s=0.4 + 0.3*lambert                      a sum of models, each times a number
+    0.5*(phong:n=20 + lambert)                              the same number for several
 
 The command line, the tables and the studies all read and write this form, so a name printed by one
 can be pasted into another.
@@ -16,7 +18,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from numbers import Real
 from typing import TYPE_CHECKING, Any
@@ -28,7 +30,17 @@ if TYPE_CHECKING:
 
     from albedo import Model
 
-__all__ = ["ModelSpec", "cos_degrees", "format_spec", "format_value", "parse", "parse_numbers"]
+__all__ = [
+    "ModelSpec",
+    "Spec",
+    "SumSpec",
+    "cos_degrees",
+    "format_spec",
+    "format_value",
+    "parse",
+    "parse_model",
+    "parse_numbers",
+]
 
 Value = float | str | tuple[Any, ...]
 
@@ -42,6 +54,10 @@ _COMPLEX = re.compile(rf"(?=.*[0-9])(?:{_NUMBER_TEXT})?[+-]?(?:[0-9.]+(?:[eE][+-
 _NOT_FINITE = re.compile(r"[+-]?(?:nan|inf|infinity)\Z", re.IGNORECASE)
 _COUNT = re.compile(r"([0-9]+)\s*(log)?\Z")
 _CLOSING = {"(": ")", "[": "]"}
+# What stands before a + that is a sign or in an exponent, and after one that adds a multiple.
+_SIGNED = re.compile(r"(?:[=,:]|\.\.)\s*\Z")
+_EXPONENT = re.compile(r"[0-9.][eE]\Z")
+_MULTIPLE = re.compile(_NUMBER_TEXT + r"\s*\*")
 
 # A sweep beyond this is a slip of the finger, and would fill the memory before it failed.
 _MOST_POINTS = 1_000_000
@@ -97,7 +113,14 @@ class ModelSpec:
         if self.sweep:
             swept = ", ".join(self.sweep)
             raise InputError(f"'{self}' sweeps {swept}, but one single model is needed here.")
-        return self._build({})
+        import albedo
+        from albedo.catalogue import model_class
+
+        # Python binds these two itself, before a model could refuse them.
+        for key in self.fixed.keys() & {"name", "self"}:
+            known = ", ".join(item.name for item in model_class(self.name).parameter_info())
+            raise InputError(f"{self.name} has no parameter '{key}'; it has {known or 'none'}.")
+        return albedo.model(self.name, **self.fixed)
 
     def models(self) -> Iterator[Model]:
         """Build one model for every combination of the swept values, the last sweep fastest.
@@ -107,8 +130,19 @@ class ModelSpec:
         Model
             The next model; exactly one where nothing is swept.
         """
+        for single in self.singles():
+            yield single.model()
+
+    def singles(self) -> Iterator[ModelSpec]:
+        """Go through the combinations of the swept values, each as a spec without sweeps.
+
+        Yields
+        ------
+        ModelSpec
+            What names one model; exactly one where nothing is swept.
+        """
         for values in self.assignments():
-            yield self._build(values)
+            yield ModelSpec(self.name, {**self.fixed, **values})
 
     def assignments(self) -> Iterator[dict[str, Value]]:
         """Go through the combinations of the swept values.
@@ -127,31 +161,80 @@ class ModelSpec:
         """Number of models that `models` builds."""
         return math.prod(len(values) for values in self.sweep.values())
 
-    def _build(self, values: Mapping[str, Value]) -> Model:
-        import albedo
-        from albedo.catalogue import model_class
 
-        parameters = {**self.fixed, **values}
-        # Python binds these two itself, before a model could refuse them.
-        for key in parameters.keys() & {"name", "self"}:
-            known = ", ".join(item.name for item in model_class(self.name).parameter_info())
-            raise InputError(f"{self.name} has no parameter '{key}'; it has {known or 'none'}.")
-        return albedo.model(self.name, **parameters)
+@dataclass(frozen=True)
+class SumSpec:
+    """What a line of the grammar says about a sum of models, or a multiple of one.
+
+    Attributes
+    ----------
+    terms : tuple of (float, ModelSpec)
+        Factors, and what they multiply.
+    """
+
+    terms: tuple[tuple[float, ModelSpec], ...]
+
+    # As of the models that are built.
+    name = "sum"
+
+    def __str__(self) -> str:
+        return " + ".join(
+            str(spec) if factor == 1.0 else f"{format_value(factor)}*{spec}"
+            for factor, spec in self.terms
+        )
+
+    def model(self) -> Model:
+        """Build the sum that is named here; see `ModelSpec.model`."""
+        from albedo.compose import Sum
+
+        return Sum(tuple((factor, spec.model()) for factor, spec in self.terms))
+
+    def models(self) -> Iterator[Model]:
+        """Build one sum for every combination of the swept values of its terms."""
+        for single in self.singles():
+            yield single.model()
+
+    def singles(self) -> Iterator[SumSpec]:
+        """Go through the combinations of the swept values; see `ModelSpec.singles`."""
+        factors = [factor for factor, _ in self.terms]
+        for specs in itertools.product(*(spec.singles() for _, spec in self.terms)):
+            yield SumSpec(tuple(zip(factors, specs, strict=True)))
+
+    def assignments(self) -> Iterator[dict[str, Value]]:
+        """Go through the combinations of the swept values, each under its model and parameter."""
+        for rows in itertools.product(*(spec.assignments() for _, spec in self.terms)):
+            found: dict[str, Value] = {}
+            for (_, spec), values in zip(self.terms, rows, strict=True):
+                for key, value in values.items():
+                    label, number = f"{spec.name} {key}", 2
+                    while label in found:
+                        label, number = f"{spec.name} {key} {number}", number + 1
+                    found[label] = value
+            yield found
+
+    @property
+    def count(self) -> int:
+        """Number of sums that `models` builds."""
+        return math.prod(spec.count for _, spec in self.terms)
 
 
-def parse(text: str) -> ModelSpec:
-    """Read one model in the grammar of this module.
+Spec = ModelSpec | SumSpec
+"""What a line of the grammar says."""
+
+
+def parse(text: str) -> Spec:
+    """Read one model, or a sum of models, in the grammar of this module.
 
     Parameters
     ----------
     text : str
-        For example ``"ward:m=0.1"`` or ``"ward:m=0.02..1/32"``.
+        For example ``"ward:m=0.1"``, ``"ward:m=0.02..1/32"`` or ``"phong:n=20 + 0.3*lambert"``.
 
     Returns
     -------
-    ModelSpec
-        The name, the fixed parameters and the sweeps. Whether the model and its parameters exist
-        is checked when the model is built.
+    ModelSpec or SumSpec
+        The name, the fixed parameters and the sweeps of a model, or the terms of a sum. Whether
+        models and their parameters exist is checked when the model is built.
 
     Raises
     ------
@@ -164,13 +247,113 @@ def parse(text: str) -> ModelSpec:
     {'m': 0.1}
     >>> str(parse("phong:n=1e2..4e2/4"))
     'phong:n=100..400/4'
+    >>> str(parse("0.5*(phong:n=20 + 2*lambert)"))
+    '0.5*phong:n=20 + lambert'
     """
     if not isinstance(text, str):
         raise InputError(f"A model is written as text such as 'ward:m=0.1'; {text!r} was given.")
-    name, colon, rest = text.partition(":")
-    name = name.strip()
     if not text.strip():
         raise InputError("The model is empty; write a name and parameters, as in 'ward:m=0.1'.")
+    terms = _terms(text, text, 0)
+    for factor, spec in terms:
+        if not math.isfinite(factor):
+            raise InputError(f"The factors of '{spec.name}' in {_shown(text)} are too large.")
+    if len(terms) == 1 and terms[0][0] == 1.0:
+        return terms[0][1]
+    return SumSpec(tuple(terms))
+
+
+def parse_model(text: str, what: str) -> ModelSpec:
+    """Read one model where a sum has no meaning.
+
+    Parameters
+    ----------
+    text : str
+        As for `parse`.
+    what : str
+        What needs one model, for the error message, for example ``"A map"``.
+
+    Returns
+    -------
+    ModelSpec
+        The model.
+
+    Raises
+    ------
+    InputError
+        If the text does not follow the grammar, or is a sum or a multiple.
+    """
+    spec = parse(text)
+    if isinstance(spec, SumSpec):
+        raise InputError(
+            f"{what} is over the parameters of one model; {_shown(text)} is a sum or a multiple."
+        )
+    return spec
+
+
+def _terms(text: str, whole: str, depth: int) -> list[tuple[float, ModelSpec]]:
+    """The factors and models of a sum."""
+    if depth > _DEEPEST:
+        raise InputError(f"{_shown(whole)} nests brackets more than {_DEEPEST} deep.")
+    terms: list[tuple[float, ModelSpec]] = []
+    for term in _split(text, whole, _is_plus):
+        *factors, last = _split(term, whole, _is_times)
+        if not last or "" in factors:
+            raise InputError(
+                f"{_shown(whole)} has an empty place beside a '+' or a '*'; write a sum as "
+                "'phong:n=20 + 0.3*lambert'."
+            )
+        factor = math.prod(_factor(one, last, whole) for one in factors)
+        if last.startswith("("):
+            inner = _bracketed(f"The sum {_shown(whole)}", last, _is_nothing)
+            terms += [(factor * own, spec) for own, spec in _terms(inner[0], whole, depth + 1)]
+        else:
+            terms.append((factor, _parse_one(last)))
+    return terms
+
+
+def _factor(text: str, model: str, whole: str) -> float:
+    """The number before a ``*``."""
+    if not _NUMBER.match(text):
+        raise InputError(
+            f"{_shown(text)} before the '*' in {_shown(whole)} is not a number; a factor stands "
+            "before its model, as in 0.3*lambert."
+        )
+    number = _number(f"The factor of {_shown(model)}", text)
+    if number < 0.0:
+        raise InputError(
+            f"The factor of {_shown(model)} is {text} in {_shown(whole)}; it must not be negative."
+        )
+    return number
+
+
+def _is_comma(text: str, position: int) -> bool:
+    return text[position] == ","
+
+
+def _is_times(text: str, position: int) -> bool:
+    return text[position] == "*"
+
+
+def _is_plus(text: str, position: int) -> bool:
+    """Whether a + adds models, and is not part of a number."""
+    before, after = text[:position], text[position + 1 :].lstrip()
+    if text[position] != "+" or _SIGNED.search(before):
+        return False
+    if _EXPONENT.search(before) and _DIGIT.match(text[position + 1 : position + 2]):
+        return False
+    # Sums of numbers and complex ones are left to what reads values, which says what is wrong.
+    return ":" not in before or not after[:1].isdigit() or bool(_MULTIPLE.match(after))
+
+
+def _is_nothing(text: str, position: int) -> bool:
+    return False
+
+
+def _parse_one(text: str) -> ModelSpec:
+    """Read one model with its parameters."""
+    name, colon, rest = text.partition(":")
+    name = name.strip()
     if not _NAME.match(name):
         raise InputError(
             f"{_shown(name)} is not the name of a model; names have letters, digits and "
@@ -184,7 +367,7 @@ def parse(text: str) -> ModelSpec:
         )
     fixed: dict[str, Value] = {}
     sweep: dict[str, np.ndarray | tuple[Any, ...]] = {}
-    for item in _split(rest, text):
+    for item in _split(rest, text, _is_comma):
         key, equals, value = item.partition("=")
         key, value = key.strip(), value.strip()
         if not item:
@@ -354,8 +537,8 @@ def _is_word(text: str) -> bool:
     return bool(_WORD.match(text)) and not _NUMBER.match(text) and not _NOT_FINITE.match(text)
 
 
-def _split(text: str, whole: str) -> list[str]:
-    """Split at the commas that stand outside all brackets."""
+def _split(text: str, whole: str, cuts: Callable[[str, int], bool]) -> list[str]:
+    """Split at the characters outside all brackets at which ``cuts(text, position)`` is true."""
     items, start, open_brackets = [], 0, ""
     for position, character in enumerate(text):
         if character in _CLOSING:
@@ -369,7 +552,7 @@ def _split(text: str, whole: str) -> list[str]:
             if not open_brackets or _CLOSING[open_brackets[-1]] != character:
                 raise InputError(f"{_shown(whole)} closes a '{character}' that was not opened.")
             open_brackets = open_brackets[:-1]
-        elif character == "," and not open_brackets:
+        elif not open_brackets and cuts(text, position):
             items.append(text[start:position].strip())
             start = position + 1
     if open_brackets:
@@ -415,14 +598,14 @@ def _value(key: str, text: str) -> Value:
     )
 
 
-def _bracketed(what: str, text: str) -> list[str]:
+def _bracketed(what: str, text: str, cuts: Callable[[str, int], bool] = _is_comma) -> list[str]:
     """Take the entries of ``(...)`` or ``[...]``."""
     closing = _CLOSING[text[0]]
     inner = text[1:-1]
     if text[-1] != closing or (not inner.strip()):
         kind = "empty" if text[-1] == closing else "followed by something else"
         raise InputError(f"{what} is {_shown(text)}, where the bracket is {kind}.")
-    entries = _split(inner, text)
+    entries = _split(inner, text, cuts)
     if "" in entries:
         raise InputError(f"{what} has an empty place between the commas of {_shown(text)}.")
     return entries

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from albedo.errors import InputError
 from albedo.files import atomic_file, check_output
-from albedo.grammar import ModelSpec, cos_degrees, format_spec
+from albedo.grammar import Spec, cos_degrees
 
 if TYPE_CHECKING:
     import numpy as np
@@ -257,7 +257,7 @@ def grazing_grid(min_cos: float = 1e-6, per_decade: int = 24) -> np.ndarray:
 
 
 def measure(
-    specs: Sequence[ModelSpec],
+    specs: Sequence[Spec],
     cos_theta: np.ndarray,
     *,
     phi: float = 0.0,
@@ -269,8 +269,8 @@ def measure(
 
     Parameters
     ----------
-    specs : sequence of ModelSpec
-        Models, sweeps included.
+    specs : sequence of ModelSpec or SumSpec
+        Models and sums, sweeps included.
     cos_theta : ndarray
         Cosines of the angles of incidence.
     phi : float
@@ -298,9 +298,11 @@ def measure(
     curves: list[Curve] = []
     done = 0
     for spec in specs:
-        for values, model in zip(spec.assignments(), spec.models(), strict=True):
+        singles: Iterator[Spec] = spec.singles()
+        for values, single in zip(spec.assignments(), singles, strict=True):
+            model = single.model()
             numbers = [(key, value) for key, value in values.items() if isinstance(value, float)]
-            label = format_spec(spec.name, {**spec.fixed, **values})
+            label = str(single)
             for channel, kind in enumerate(model.by_channel()):
                 estimate = find(kind, cos_theta, phi=phi)
                 curves.append(

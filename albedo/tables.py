@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 import albedo
 from albedo.brdf import Model
+from albedo.compose import Sum
 from albedo.errors import InputError
 from albedo.estimate import Estimate
 from albedo.grammar import format_value
@@ -193,7 +194,7 @@ class Plan:
         kept = {k: v for k, v in model.parameters.items() if not _swept(model, k, axes)}
         attributes = {
             "title": f"{what} of {model.name}",
-            "model": model.name,
+            "model": model.spec if isinstance(model, Sum) else model.name,
             "parameters": json.dumps(kept),
             "equation": model.equation,
             "references": " ".join(model.references),

@@ -20,6 +20,7 @@ from typer.testing import CliRunner
 import albedo
 from albedo.cli import _complete_model, app
 from albedo.describe import citation, promises
+from albedo.grammar import parse
 
 # Long enough on two busy cores, and far below what a hanging process would take.
 PATIENCE = 120.0
@@ -100,6 +101,43 @@ def test_eval_prints_what_the_library_computes():
     assert rows[1]["cos_theta"] == 0.5
     assert all(row["kind"] == "bound" and row["converged"] for row in rows)
     assert {row["model"] for row in rows} == {"ward:m=0.1"}
+
+
+def test_sums_are_models():
+    (total, *parts) = records("0.5*(phong:n=20 + 0.6*lambert)", "--cos", "0.5")
+    both = 0.5 * albedo.model("phong", n=20) + 0.3 * albedo.model("lambert")
+    exact = albedo.directional_albedo(both, 0.5)
+    assert (total["value"], total["error"]) == (float(exact.value), float(exact.error))
+    assert total["model"] == "0.5*phong:n=20 + 0.3*lambert"
+    assert [row["part"] for row in parts] == ["phong specular", "lambert diffuse"]
+    swept = records("phong:n=[1,20] + lambert", "--average")
+    assert [row["model"] for row in swept] == ["phong:n=1 + lambert", "phong:n=20 + lambert"]
+
+
+def test_every_command_takes_sums_or_says_why_not(tmp_path):
+    import xarray as xr
+
+    both = "0.4*phong:n=20 + 0.3*lambert"
+    for command in (
+        ("plot", both, "-o", str(tmp_path / "curves.svg")),
+        ("pump", both, "--cos", "0.5"),
+        ("radiance", both, "--cos", "0.5"),
+        ("check", both),
+        ("table", both, "--cos", "0.5,1", "-o", str(tmp_path / "one.csv")),
+        ("table", both, "--cos", "0.5,1", "-o", str(tmp_path / "one.nc")),
+        ("eval", both, "--cos", "0.5", "--method", "mc", "--samples", "100"),
+    ):
+        result = run(*command)
+        assert result.exit_code == 0, (command, result.output)
+        assert both in result.stdout or command[0] in ("plot", "pump")
+    with xr.open_dataset(tmp_path / "one.nc", engine="h5netcdf") as dataset:
+        assert parse(dataset.attrs["model"]).model() == parse(both).model()
+    many = "phong:n=[1,20] + lambert"
+    assert "'phong:n=[1,20] + lambert' sweeps" in refused("table", many, "-o", "t.csv")
+    assert "sum or a multiple" in refused("energy", both)
+    assert "sweep of 2" in refused("pump", many)
+    assert "before the '*'" in refused("eval", "phong:n=20*0.3")
+    assert "unknown model" in refused("eval", "phong + lambertian")
 
 
 def test_eval_in_csv_keeps_every_digit():

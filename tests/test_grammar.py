@@ -9,13 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import albedo
 from albedo.errors import InputError
 from albedo.grammar import (
     ModelSpec,
+    SumSpec,
     cos_degrees,
     format_spec,
     format_value,
     parse,
+    parse_model,
     parse_numbers,
 )
 
@@ -40,6 +43,69 @@ def test_what_is_written_reads_back(name, fixed, sweep):
     assert again == spec
     assert hash(again) == hash(spec)
     assert str(again) == str(spec)
+
+
+specs = st.builds(
+    lambda name, fixed, sweep: ModelSpec(
+        name, fixed, {key: value for key, value in sweep.items() if key not in fixed}
+    ),
+    names,
+    st.dictionaries(names, values, max_size=3),
+    st.dictionaries(names, lists, max_size=1),
+)
+
+
+@given(st.lists(st.tuples(st.floats(0.0, 1e300), specs), min_size=2, max_size=4))
+def test_sums_read_back(terms):
+    spec = SumSpec(tuple(terms))
+    again = parse(str(spec))
+    assert again == spec
+    assert hash(again) == hash(spec)
+    # Blanks mean nothing, and brackets neither.
+    assert parse(f" ( {str(spec).replace(' + ', '  +')} ) ") == spec
+    doubled = tuple((2.0 * factor, term) for factor, term in terms)
+    assert parse(f"2 * ({spec})") == SumSpec(doubled)
+
+
+@pytest.mark.parametrize(
+    ("text", "written"),
+    [
+        ("phong:n=20,rho_s=0.4 + 0.3*lambert", "phong:n=20,rho_s=0.4 + 0.3*lambert"),
+        ("phong+lambert", "phong + lambert"),
+        ("0.5*lambert", "0.5*lambert"),
+        ("1*lambert", "lambert"),
+        ("((lambert))", "lambert"),
+        ("2*.5*lambert+1e-1*phong:n=1e+2", "lambert + 0.1*phong:n=100"),
+        ("0.5*(phong + 0.5*(lambert + ward))", "0.5*phong + 0.25*lambert + 0.25*ward"),
+        ("schwenk:color=(.9,.5,.1) + lambert", "schwenk:color=(0.9,0.5,0.1) + lambert"),
+        ("phong:n=+2.+lambert", "phong:n=2 + lambert"),
+        ("phong:n=+1..+3/3 + lambert", "phong:n=[1,2,3] + lambert"),
+    ],
+)
+def test_sums_and_multiples(text, written):
+    assert str(parse(text)) == written
+
+
+def test_what_a_sum_calls_itself_reads_back():
+    specular, diffuse = albedo.model("phong", n=1e20**0.25), albedo.model("lambert", rho=0.5)
+    for model in (specular + 0.3 * diffuse, 1e-7 * (0.1 * specular + diffuse), 0.5 * diffuse):
+        assert parse(model.spec).model() == model
+
+
+def test_sums_are_built_for_every_combination():
+    spec = parse("phong:n=[1,20] + 0.5*phong:n=[2,3,4] + lambert")
+    assert spec.count == 6
+    rows = list(spec.assignments())
+    assert rows[1] == {"phong n": 1.0, "phong n 2": 3.0}
+    built = list(spec.models())
+    assert [model for single in spec.singles() for model in single.models()] == built
+    pairs = [tuple(m.parameters["n"] for _, m in model.terms[:2]) for model in built]
+    assert pairs == [(1, 2), (1, 3), (1, 4), (20, 2), (20, 3), (20, 4)]
+    assert {factor for factor, _ in built[0].terms} == {1.0, 0.5}
+    with pytest.raises(InputError, match="sweeps n, but one single model"):
+        spec.model()
+    with pytest.raises(InputError, match="sum or a multiple"):
+        parse_model("0.5*lambert", "A map")
 
 
 @given(floats)
@@ -179,6 +245,29 @@ def test_sweeps_over_words_and_vectors():
         ("ward:m=1...5/3", "two ways"),
         ("ward:m=-1e308..1e308/3", "tell apart"),
         ("ward:m=1..1.0000000000000002/9", "tell apart"),
+        ("ward +", "empty place beside"),
+        ("+ ward", "empty place beside"),
+        ("ward ++ phong", "empty place beside"),
+        ("2*", "empty place beside"),
+        ("*ward", "empty place beside"),
+        ("ward*2", "'ward' before the '\\*' in 'ward\\*2' is not a number"),
+        ("ward:m=1*2", "stands before its model"),
+        ("x*ward", "stands before its model"),
+        ("-1*ward", "factor of 'ward' is -1 in '-1\\*ward'; it must not be negative"),
+        ("inf*ward", "not a number"),
+        ("1e999*ward", "The factor of 'ward' is '1e999', which is too large"),
+        ("1e300*(1e300*ward)", "factors of 'ward' in .* are too large"),
+        ("ward + 0.5", "not the name of a model"),
+        ("ward - phong", "not the name of a model"),
+        ("ward:m=1 + 2", "number, a word"),
+        ("ward:m=1 + 2 + phong", "number, a word"),
+        ("()", "empty"),
+        ("0.5*(ward", "never closed"),
+        ("ward)", "not opened"),
+        ("(ward)phong", "followed by"),
+        ("(ward)(phong)", "not opened"),
+        ("(" * 9 + "ward" + ")" * 9, "deep"),
+        ("ward + phong:", "'phong:' ends after the colon"),
     ],
 )
 def test_bad_text_gets_one_sentence(text, says):

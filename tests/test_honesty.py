@@ -20,6 +20,7 @@ import pytest
 import albedo
 from albedo.brdf import Model
 from albedo.charts.polar import PolarChart
+from albedo.charts.tail_rings import TailRingsChart
 from albedo.grammar import parse
 from albedo.integrators import cells, rules
 
@@ -133,7 +134,7 @@ def test_small_budgets_still_have_honest_bounds_that_are_not_idle() -> None:
 
 def has_lobe(model: Model) -> bool:
     """Whether some part is concentrated: the bounds of the others are idler."""
-    return any(isinstance(part.chart, PolarChart) for part in model.parts())
+    return any(isinstance(part.chart, PolarChart | TailRingsChart) for part in model.parts())
 
 
 @pytest.mark.slow

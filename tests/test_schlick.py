@@ -103,6 +103,24 @@ def test_the_final_form_shares_out_all_energy(rng: np.random.Generator) -> None:
     )
 
 
+@pytest.mark.parametrize("r", [0.1, 0.5, 0.8])
+def test_without_a_residual_what_is_shadowed_is_lost(r: float) -> None:
+    """Then all forms are the shadowed one, and what the final form adds to b of it."""
+    shadowed = albedo.model("schlick", roughness=r, color=0.3)
+    residual = shadowed.replace(form="residual", residual_azimuth="none")
+    final = residual.replace(form="final")
+    one, same, whole = (albedo.directional_albedo(m, COSINES) for m in (shadowed, residual, final))
+    np.testing.assert_array_equal(same.value, one.value)
+    s = 0.3 + 0.7 * (1.0 - COSINES) ** 5
+    a, b, _, g = weights(r, "final")
+    lambert = whole.parts.get("diffuse")
+    rest = g * s if lambert is None else lambert.value
+    assert (lambert is None) == (a == 0.0)
+    assert np.all(np.abs(whole.value - b * one.value - rest) <= whole.error + 2.0 * one.error)
+    kept = albedo.directional_albedo(final.replace(residual_azimuth="uniform"), COSINES)
+    assert np.all(kept.value - kept.error > whole.value + whole.error)
+
+
 def test_smooth_layers_are_mirrors() -> None:
     """r -> 0: S of the light, and with a second layer 1 - (1 - S)(1 - S') of it."""
     c, c2, cosine = 0.2, 0.6, 0.5

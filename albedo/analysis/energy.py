@@ -17,7 +17,7 @@ import numpy as np
 from albedo.brdf import Model
 from albedo.errors import InputError
 from albedo.estimate import Estimate
-from albedo.grammar import ModelSpec, parse
+from albedo.grammar import ModelSpec, parse_model
 from albedo.quadrature import albedo_rows
 
 if TYPE_CHECKING:
@@ -80,15 +80,15 @@ def domain(text: str) -> ModelSpec:
     Raises
     ------
     InputError
-        When nothing is left to sweep.
+        When nothing is left to sweep, and for sums of models.
     """
     from albedo.catalogue import model_class
 
-    spec = parse(text)
+    spec = parse_model(text, "A map")
     if spec.sweep:
         return spec
     kind = model_class(spec.name)
-    declared = parse(f"{spec.name}:{kind.domain}")
+    declared = parse_model(f"{spec.name}:{kind.domain}", "A map")
     taken = _targets(kind, spec.fixed)
     sweep = {k: v for k, v in declared.sweep.items() if not _targets(kind, (k,)) & taken}
     if not sweep:

@@ -13,6 +13,7 @@ from albedo._compile import kernel
 from albedo.brdf import Alias, Choice, Part, Real
 from albedo.catalogue._fresnel import SOURCES_OF_FACTORS, FresnelChoice
 from albedo.charts.polar import PolarChart
+from albedo.charts.tail_rings import TailRingsChart
 from albedo.errors import InputError
 from albedo.fresnel import fresnel
 from albedo.geometry import v_dot_h
@@ -249,7 +250,9 @@ class CookTorrance(FresnelChoice):
         # Measured: up to seven times fewer evaluations for elliptic lobes with these maskings.
         layered = self.geometry in ("smith_correlated", "schlick_smith") and not self.isotropic
         layer = 1 if layered and self.distribution == "ggx" else 0
-        chart = PolarChart("slope", kinks, kind, edge, origin, layer=layer)
+        chart: Any = PolarChart("slope", kinks, kind, edge, origin, layer=layer)
+        if self.distribution == "ggx" and kinks == "none" and self.isotropic:
+            chart = TailRingsChart()
         known = self._exact_masking and self.prefactor == "1/4" and not self._as_printed
         whole = PolarChart("slope", kinks, kind, edge, origin, full=True)
         lost = loss if known else None

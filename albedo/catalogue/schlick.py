@@ -12,6 +12,7 @@ from albedo._compile import kernel
 from albedo.brdf import Choice, Color, Model, Part, Real
 from albedo.charts.cosine import CosineChart
 from albedo.charts.polar import PolarChart
+from albedo.charts.tail_rings import TailRingsChart
 from albedo.fresnel import schlick
 from albedo.geometry import v_dot_h
 
@@ -71,10 +72,10 @@ def lobe(wi, wo, h, p, out, first):
 
 @kernel
 def broad(wi, wo, h, p, out, first):
-    """f = S (a + b (1 - G) A~)/pi of the layer whose numbers start at `first`."""
+    """f = S (a + c (1 - G) A~)/pi of the layer whose numbers start at `first`."""
     for j in range(out.shape[0]):
         lz, published, turned = wi[2, j], p[j, 13] > 0.0, p[j, 14] > 0.0
-        r, isotropy, a, b = p[j, first], p[j, first + 1], p[j, first + 3], p[j, first + 4]
+        r, isotropy, a, c = p[j, first], p[j, first + 1], p[j, first + 3], p[j, first + 5]
         g_l = lz * unmasked(r, lz)
         for i in range(out.shape[1]):
             hx, hy, hz, vz = h[0, j, i], h[1, j, i], h[2, j, i], wo[2, j, i]
@@ -83,7 +84,7 @@ def broad(wi, wo, h, p, out, first):
             if turned:
                 lost *= azimuth(isotropy, published, hx, hy)
             s = spectral(p[j], first > 0, v_dot_h(hx, hy, hz))
-            out[j, i] = s * (a + b * lost) / math.pi
+            out[j, i] = s * (a + c * lost) / math.pi
 
 
 @kernel
@@ -94,7 +95,7 @@ def fill_specular(wi, wo, h, p, out):
 
 @kernel
 def fill_diffuse(wi, wo, h, p, out):
-    """f = S (a + b (1 - G) A~)/pi."""
+    """f = S (a + c (1 - G) A~)/pi."""
     broad(wi, wo, h, p, out, 0)
 
 
@@ -106,7 +107,7 @@ def fill_specular_2(wi, wo, h, p, out):
 
 @kernel
 def fill_diffuse_2(wi, wo, h, p, out):
-    """f = (1 - S) S' (a' + b' (1 - G') A~')/pi."""
+    """f = (1 - S) S' (a' + c' (1 - G') A~')/pi."""
     broad(wi, wo, h, p, out, 6)
 
 
@@ -129,11 +130,12 @@ class Schlick(Model):
     - ``residual``: that and (1 - G) A~/pi for what is shadowed (Schwenk eq. 49);
     - ``final``: a/pi + b (the residual form) + g (ideal mirror), b = 4 r (1 - r); the rest 1 - b
       goes to g for r < 1/2 and to a otherwise. The primary text was out of reach: this is a
-      reconstruction.
+      reconstruction, and whether its b has the residual is open.
 
     Z/pi is GGX with alpha = sqrt(r). A as published integrates to less than 1 over the azimuth;
     ``azimuth="normalised"`` leaves its root away, and integrates to 1. Schwenk's eq. 49 may have a
-    factor A~ = A on the residual: ``residual_azimuth="turned"``.
+    factor A~ = A on the residual: ``residual_azimuth="turned"``. With ``"none"``, A~ = 0, what is
+    shadowed is lost in every form.
     """
 
     name = "schlick"
@@ -157,7 +159,7 @@ class Schlick(Model):
         "published", "A with its root, or without", choices=("published", "normalised")
     )
     residual_azimuth = Choice(
-        "uniform", "factor A~ of the residual: 1, or A", choices=("uniform", "turned")
+        "uniform", "factor A~ of the residual: 1, A, or 0", choices=("uniform", "turned", "none")
     )
 
     def used(self, values: Mapping[str, Any]) -> tuple[str, ...]:
@@ -179,9 +181,14 @@ class Schlick(Model):
         return layers
 
     @property
-    def _turned(self) -> bool:
-        """Whether the residual has the factor A."""
-        return self.parameters.get("residual_azimuth") == "turned"
+    def _residual(self) -> str | None:
+        """The factor of the residual, None in forms without one."""
+        return self.parameters.get("residual_azimuth")
+
+    def _weights(self, r: float) -> tuple[float, float, float, float]:
+        """As `weights`, with the residual only where it is kept."""
+        a, b, residual, g = weights(r, self.form)
+        return a, b, 0.0 if self._residual == "none" else residual, g
 
     @property
     def isotropic(self) -> bool:
@@ -190,7 +197,8 @@ class Schlick(Model):
     @property
     def conserves_energy(self) -> bool:  # type: ignore[override]
         """G = v/(r - r v + v) masks enough for an isotropic layer from r = 0.1695 on (measured)."""
-        masked = self.form == "shadowed" and self.roughness >= 0.17
+        lost = self.form == "shadowed" or self._residual == "none"
+        masked = lost and self.roughness >= 0.17
         lambert = self.form == "final" and self.roughness == 1.0
         return self.layers == "1" and self.isotropic and (masked or lambert)
 
@@ -202,23 +210,26 @@ class Schlick(Model):
     def pack(self) -> tuple[float, ...]:
         numbers: list[float] = []
         for r, isotropy, color in self._layers:
-            a, b, _, g = weights(r, self.form)
-            numbers += [r, isotropy, color, a, b, g]
-        choices = (self.form == "plain", self.azimuth == "published", self._turned)
+            a, b, residual, _ = self._weights(r)
+            numbers += [r, isotropy, color, a, b, residual]
+        turned = self._residual == "turned"
+        choices = (self.form == "plain", self.azimuth == "published", turned)
         return (*numbers, *(0.0,) * (12 - len(numbers)), *map(float, choices))
 
     def parts(self) -> tuple[Part, ...]:
         parts = []
         fills = ((fill_specular, fill_diffuse), (fill_specular_2, fill_diffuse_2))
         for k, (r, isotropy, _) in enumerate(self._layers):
-            a, b, residual, _ = weights(r, self.form)
+            a, b, residual, _ = self._weights(r)
             suffix = "" if k == 0 else "_2"
             # In the elliptic azimuth of this stretch A without its root is constant.
             stretch = isotropy if self.azimuth == "normalised" else math.sqrt(isotropy)
             if b > 0.0:
                 plain = self.form == "plain"
-                chart = PolarChart("slope")
-                if not plain:
+                chart: Any = PolarChart("slope")
+                if self.isotropic:
+                    chart = TailRingsChart(layer=1 if plain else 2)
+                elif not plain:
                     chart = PolarChart("slope", edge=2, origin=2, layer=2)
                 widths = (math.sqrt(r) * stretch, math.sqrt(r))
                 parts.append(Part("specular" + suffix, fills[k][0], chart, widths))
@@ -226,7 +237,7 @@ class Schlick(Model):
                 # 1 - G changes where n.v is r.
                 broad_chart: Any = CosineChart(angle=True, layered=True)
                 widths = (r, 1.0)
-                if self._turned and isotropy < 1.0:
+                if self._residual == "turned" and isotropy < 1.0:
                     broad_chart, widths = PolarChart("slope", edge=2), (stretch, 1.0)
                 parts.append(Part("diffuse" + suffix, fills[k][1], broad_chart, widths))
         return tuple(parts)

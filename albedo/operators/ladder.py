@@ -30,16 +30,10 @@ from albedo.charts.cosine import CosineChart
 from albedo.charts.heights import FIRST, LAST, LOWEST, folded, unfolded
 from albedo.charts.polar import PolarChart
 from albedo.charts.rings import MIRROR, RingsChart
+from albedo.charts.tail_rings import TailRingsChart
 from albedo.errors import InputError
 from albedo.integrators.cells import rules_by_order
-from albedo.operators.divisor import (
-    CONTROLS,
-    FLAT,
-    TERMS,
-    Divisor,
-    LogCurve,
-    straight,
-)
+from albedo.operators.divisor import CONTROLS, FLAT, TERMS, Divisor, LogCurve, straight
 from albedo.operators.profiles import Profiles, Slices
 
 _EPS = np.finfo(np.float64).eps
@@ -121,6 +115,8 @@ def rings_of(part: Part, levels: Any = None) -> RingsChart:
         edge = chart.edge if kind == "mirror" else 1
         thin = chart.layer == 2
         return RingsChart(kind, chart.kinks, chart.decay, edge, thin, axis, levels)
+    if isinstance(chart, TailRingsChart):
+        return RingsChart("slope", thin=chart.layer == 2, levels=levels)
     raise InputError(f"the {part.name} part has no chart of rings of constant n.v")
 
 

@@ -14,6 +14,7 @@ from albedo._compile import kernel
 from albedo.brdf import Model, Part
 from albedo.charts.axis import AxisChart
 from albedo.charts.polar import PolarChart
+from albedo.charts.tail_rings import TailRingsChart
 from albedo.directions import half_vector, real_array, unit_vectors
 from albedo.errors import InputError
 from albedo.sampling.routines import (
@@ -128,9 +129,11 @@ def routines_of(part: Part) -> tuple[Routine, ...]:
     chart, (wx, wy) = part.chart, part.widths
     if isinstance(chart, AxisChart):
         return (axis_power(chart.coefficients, min(part.widths) ** -2),)
+    wx, wy = min(wx, 1.0), min(wy, 1.0)
+    if isinstance(chart, TailRingsChart):
+        return (ggx_normals(wx, wy),)
     if not isinstance(chart, PolarChart):
         return (COSINE,)
-    wx, wy = min(wx, 1.0), min(wy, 1.0)
     if chart.kind == "slope" and chart.decay == "gaussian":
         return (gaussian_normals(wx, wy),)
     if chart.kind == "slope" and chart.decay == "cosine_power":

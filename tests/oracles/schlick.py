@@ -21,6 +21,8 @@ CASES: list[dict[str, Any]] = [
     {"isotropy": 0.8, "form": "final", "residual_azimuth": "turned"},
     {"roughness": 0.7, "isotropy": 0.5, "form": "final", "color": 0.5},
     {"roughness": 0.2, "form": "final", "color": 0.5},
+    {"roughness": 0.1, "form": "final", "residual_azimuth": "none"},
+    {"roughness": 0.6, "form": "final", "residual_azimuth": "none"},
     {
         "roughness": 0.02,
         "color": 0.1,
@@ -53,7 +55,7 @@ def brdf(p: Mapping[str, Any], light: Any, view: Any) -> Number:
             g *= v / (r - r * v + v)
         if p["form"] == "shadowed":
             return g * lobe
-        turn = a if p["residual_azimuth"] == "turned" else mp.one
+        turn = {"uniform": mp.one, "turned": a, "none": mp.zero}[p["residual_azimuth"]]
         whole = g * lobe + (1 - g) / mp.pi * turn
         if p["form"] == "residual":
             return whole
