@@ -64,8 +64,10 @@ class TailRingsChart(CompiledChart):
         width = np.clip(widths.min(1), 1e-12, 1.0)
         # Below the lobe's width n.v = n.l is a layer as well.
         layer = np.maximum(np.minimum(width**self.layer, lift), _THINNEST)
+        scale = np.maximum(np.minimum(2.0 * width, lift), _THINNEST)
+        # As `elevation` wants it, of the axis R.
         light = c, s, np.cos(phi), np.sin(phi), lift, np.arctan2(s, c)
-        geometry = np.column_stack((*light, width, layer))
+        geometry = np.column_stack((*light, width, layer, lift, s, scale))
         room = c.size * 40 + 64
         while True:
             row, code, box = np.empty(room, int), np.empty((room, 3), int), np.empty((room, 4))
