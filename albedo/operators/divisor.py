@@ -31,6 +31,9 @@ _CELLS = 256
 _SAMPLES = 24
 # Steps of bisection: float64 has no use for more.
 _BISECTIONS = 60
+# Golden sections in search of two places close together, and how near to 0 it must be for that, as
+# a share of what a function changes by from one sample to the next.
+_SECTIONS, _STEEP, _GOLDEN = 40, 0.5, 0.5 * (math.sqrt(5.0) - 1.0)
 
 CONTROLS = (None, "literal", "cumulative")
 """No control (NNS eq. 20); each step divides by max(a(L), a(V), n.l, n.v) (eq. 21 as it stands);
@@ -520,48 +523,99 @@ class Divisor:
         y = self.curves[-1].samples
         at_v = np.stack([curve.at(y) for curve in used._used])
         at_l = np.stack([curve.at(y_l) for curve in used._used])
+        log_v = np.log(np.maximum(unfolded(y), LOWEST))
         room = 4
         while True:
             out = np.full((room, y_l.size), np.nan)
-            most = _clamp_levels(
-                *(y, np.log(np.maximum(unfolded(y), LOWEST)), at_v),
-                *(np.log(np.maximum(unfolded(y_l), LOWEST)), at_l),
-                *(used._pieces, out),
-            )
+            most = _clamp_levels(y, log_v, at_v, y_l, at_l, used._pieces, out)
             if most <= room:
                 return list(out[:most])
             room = most
 
 
 @kernel
-def _clamp_levels(y, log_v, at_v, log_l, at_l, pieces, out):
-    """Fill the places where a sum of maxima is the log of the larger cosine; return how many."""
+def _excess(y, log_l, at_l, r, pieces):
+    """How far a sum of maxima at y exceeds the log of the larger cosine, for the light of row r."""
+    total = 0.0
+    for j in range(at_l.shape[0]):
+        total += max(curve_at(y, pieces, j), at_l[j, r])
+    cosine, _ = unfold(y)
+    return total - max(math.log(max(cosine, LOWEST)), log_l)
+
+
+@kernel
+def _change(low, high, log_l, at_l, r, pieces):
+    """The place between two others at which the excess changes its sign."""
+    before = _excess(low, log_l, at_l, r, pieces) > 0.0
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        if middle in (low, high):
+            break
+        if (_excess(middle, log_l, at_l, r, pieces) > 0.0) == before:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+@kernel
+def _closest(low, high, log_l, at_l, r, pieces):
+    """The place where the excess is nearest to 0, or beyond, between two of one sign."""
+    sign = 1.0 if _excess(low, log_l, at_l, r, pieces) > 0.0 else -1.0
+    for _ in range(_SECTIONS):
+        a, b = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
+        first = sign * _excess(a, log_l, at_l, r, pieces)
+        last = sign * _excess(b, log_l, at_l, r, pieces)
+        if min(first, last) <= 0.0:
+            return a if first <= last else b
+        if first <= last:
+            high = b
+        else:
+            low = a
+    return 0.5 * (low + high)
+
+
+@kernel
+def _clamp_levels(y, log_v, at_v, y_l, at_l, pieces, out):
+    """Fill the places where a sum of maxima is the log of the larger cosine; return how many.
+
+    L's own height, where the larger cosine has a corner, is looked at too, and so is what comes
+    near to 0 between the places.
+    """
     steps, most = at_v.shape[0], 0
-    for r in range(log_l.size):
-        count, before = 0, False
-        for i in range(y.size):
-            total = 0.0
-            for j in range(steps):
-                total += max(at_v[j, i], at_l[j, r])
-            above = total > max(log_v[i], log_l[r])
-            if i > 0 and above != before:
+    places, seen = np.empty(3), np.empty(3)
+    for r in range(y_l.size):
+        cosine, _ = unfold(y_l[r])
+        log_l = math.log(max(cosine, LOWEST))
+        count, looks, i = 0, 0, 0
+        own = False
+        while i < y.size:
+            places[0], seen[0] = places[1], seen[1]
+            places[1], seen[1] = places[2], seen[2]
+            if not own and y[i] > y_l[r]:
+                own = True
+                places[2], seen[2] = y_l[r], _excess(y_l[r], log_l, at_l, r, pieces)
+            else:
+                total = 0.0
+                for j in range(steps):
+                    total += max(at_v[j, i], at_l[j, r])
+                places[2], seen[2] = y[i], total - max(log_v[i], log_l)
+                i += 1
+            looks += 1
+            if looks > 1 and (seen[1] > 0.0) != (seen[2] > 0.0):
                 if count < out.shape[0]:
-                    low, high = y[i - 1], y[i]
-                    for _ in range(_BISECTIONS):
-                        middle = 0.5 * (low + high)
-                        if middle in (low, high):
-                            break
-                        total = 0.0
-                        for j in range(steps):
-                            total += max(curve_at(middle, pieces, j), at_l[j, r])
-                        cosine, _ = unfold(middle)
-                        if (total > max(math.log(max(cosine, LOWEST)), log_l[r])) == before:
-                            low = middle
-                        else:
-                            high = middle
-                    out[count, r] = 0.5 * (low + high)
+                    out[count, r] = _change(places[1], places[2], log_l, at_l, r, pieces)
                 count += 1
-            before = above
+            steep = max(abs(seen[0] - seen[1]), abs(seen[2] - seen[1]))
+            same = (seen[0] > 0.0) == (seen[1] > 0.0) and (seen[1] > 0.0) == (seen[2] > 0.0)
+            near = abs(seen[1]) <= min(abs(seen[0]), abs(seen[2])) and abs(seen[1]) < _STEEP * steep
+            if looks > 2 and same and near:
+                x = _closest(places[0], places[2], log_l, at_l, r, pieces)
+                if (_excess(x, log_l, at_l, r, pieces) > 0.0) != (seen[1] > 0.0):
+                    if count + 1 < out.shape[0]:
+                        out[count, r] = _change(places[0], x, log_l, at_l, r, pieces)
+                        out[count + 1, r] = _change(x, places[2], log_l, at_l, r, pieces)
+                    count += 2
         most = max(most, count)
     return most
 
@@ -631,9 +685,8 @@ def _peak(function: _Step, low: float, high: float, sign: float) -> float:
     smooth = not function.floor or bool(np.all(curve.at(np.array([low, high])) > _logs(low, high)))
     if smooth and _rising(low, curve.pieces, 0) != _rising(high, curve.pieces, 0):
         return float(_turn_between(low, high, curve.pieces))
-    golden = 0.5 * (math.sqrt(5.0) - 1.0)
     for _ in range(80):
-        a, b = high - golden * (high - low), low + golden * (high - low)
+        a, b = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
         values = sign * function.at(np.array([a, b]))
         if values[0] >= values[1]:
             high = b
