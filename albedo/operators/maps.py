@@ -3,9 +3,9 @@
 An albedo is a table of its logarithm over heights and azimuths: tensor Chebyshev series on
 rectangles of (y, w), y being the coordinate of `albedo.charts.heights`. Where a model is symmetric
 about its tangent and bitangent, as well as can be seen, an albedo is a smooth function of
-cos(2 azimuth), and w = -cos(2 psi) with tan(azimuth) = k tan(psi): towards grazing incidence the
-albedo of an elliptic lobe needs the fewest terms where k^2 is the ratio of its widths, towards the
-normal where k is 1 (measured). Elsewhere w is the azimuth itself.
+cos(2 azimuth), and w = -cos(2 psi) with tan(azimuth) = k tan(psi). Near the normal k = 1 suits
+best, towards grazing incidence k^2 is about the ratio of the widths of an elliptic lobe: each band
+of heights has the k that needs the fewest terms. Elsewhere w is the azimuth itself.
 
 Rectangles get more nodes along w, or are cut in two across the worse direction, until fresh points
 between their nodes confirm them.
@@ -32,20 +32,22 @@ from albedo.quadrature import albedo_rows
 _ORDER = 16
 _TURNS = (1, 4, 6, 8, 10, 12, 14, 16, 20, 24, 28, 32)
 # Nodes of the first look along w.
-_GLANCE = 24
+_GLANCE = 32
 # Between its nodes an interpolant errs most. Fresh points stand in every second gap, and at both
 # ends: what a gap between them hides is not many times as much.
 _TRUST = 8.0
 # What an albedo itself may err by, as a share of the tolerance, and evaluations that it may take.
 _OWN, _LIMIT = 0.05, 400_000
-# Most albedos of a table, and least size of a rectangle.
-_MOST, _SHORTEST = 10_000, 1e-6
+# Least size of a rectangle.
+_SHORTEST = 1e-6
 # Terms along w that sum to less than this share of the tolerance need no nodes.
 _AMPLE = 0.03
 # Terms of series that sum to less than this share of a table's error are left out.
 _SHARE = 0.01
 # At 45 degrees the albedo of a lobe with V-cavity masking bends.
 _STARTS = (FIRST, -18.0, -8.0, -4.5, -2.0, -0.8, 0.0, LAST - 0.25 * math.pi, 0.65, LAST)
+# A logarithm that errs by more tells nothing, and its exponential is no number.
+HOPELESS = 700.0
 _QUARTER, _WHOLE = 0.5 * math.pi, 2.0 * math.pi
 _SYMMETRY_CHECKS = 12
 
@@ -82,6 +84,17 @@ class LogMap:
     split: np.ndarray
     child: np.ndarray
     evaluations: int
+
+    def places(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Cosines and azimuths of places spread over every rectangle, ends included: (m, n)."""
+        t = np.linspace(0.0, 1.0, count)
+        c, phi = [], []
+        for (low, high, first, last), warp in zip(self.box, self.warp, strict=True):
+            heights = np.clip(unfolded(low + t * (high - low)), LOWEST, 1.0)
+            turns = _azimuths(first + t * (last - first), warp)
+            c.append(np.repeat(heights, count))
+            phi.append(np.tile(turns, count))
+        return np.array(c), np.array(phi)
 
     def at(self, wi: np.ndarray) -> np.ndarray:
         """The albedo for unit vectors (n, 3)."""
@@ -198,12 +211,12 @@ def _azimuths(w: np.ndarray, warp: float) -> np.ndarray:
 
 
 def _ratio(model: Model) -> float:
-    """The ratio of the widths of the most elongated lobe."""
+    """The ratio of the widths of the most elongated lobe, along x and y."""
     ratios = [part.widths[0] / part.widths[1] for part in model.parts()]
     return max(ratios, key=lambda ratio: abs(math.log(ratio)), default=1.0)
 
 
-def log_map(model: Model, rtol: float) -> LogMap:
+def log_map(model: Model, rtol: float, most: int = 10_000) -> LogMap:
     """Tabulate the logarithm of an albedo over all heights and azimuths.
 
     Parameters
@@ -211,6 +224,8 @@ def log_map(model: Model, rtol: float) -> LogMap:
     model : Model
     rtol : float
         The relative error asked for, everywhere.
+    most : int
+        Most albedos that are computed.
 
     Returns
     -------
@@ -237,7 +252,7 @@ def log_map(model: Model, rtol: float) -> LogMap:
         active, spent = [], rows
         for rectangle, fit in sorted(poor, key=lambda one: -one[1].bound):
             spent += 2 * rectangle.rows
-            if spent > _MOST:
+            if spent > most:
                 leaves.append((rectangle, fit))
             else:
                 active += _finer(tree, rectangle, fit, rtol)
@@ -263,28 +278,43 @@ def _start(model: Model, rtol: float) -> tuple[_Tree, list[_Rectangle]]:
     """The first rectangles."""
     quarter = model.isotropic or _symmetric(model, rtol)
     ends = [-1.0, 1.0] if quarter else np.linspace(0.0, _WHOLE, 5).tolist()
-    ratio = _ratio(model)
+    # Between the widths of the lobe and a circle.
+    warp = math.sqrt(_ratio(model)) if quarter else 0.0
     tree, found = _Tree(), []
     bands = tree.over(tree.leaf(), 0, list(_STARTS))
     for band, y in zip(bands, itertools.pairwise(_STARTS), strict=True):
-        warp = 0.0 if not quarter else ratio if y[0] < 0.0 else 1.0
         for node, w in zip(tree.over(band, 1, ends), itertools.pairwise(ends), strict=True):
             found.append(_Rectangle(node, y, w, warp, 1))
     if model.isotropic:
         return tree, found
-    # Lines in the middle tell how many nodes it takes along w.
+    # Lines in the middle tell which k suits, and how many nodes it takes along w.
     middle, across = np.zeros(1), _nodes(_GLANCE)
-    grids = [rectangle.grid(middle, across) for rectangle in found]
-    logs, _, _ = _logs(model, grids, rtol)
-    matrix = np.linalg.inv(chebyshev.chebvander(across, _GLANCE - 1))
-    turns = [_rung(_terms(np.abs(matrix @ line[0]), _AMPLE * rtol) + 2) for line in logs]
-    return tree, [replace(one, turns=count) for one, count in zip(found, turns, strict=True)]
+    logs, _, _ = _logs(model, [rectangle.grid(middle, across) for rectangle in found], rtol)
+    return tree, [_suited(one, line[0], rtol) for one, line in zip(found, logs, strict=True)]
+
+
+def _suited(rectangle: _Rectangle, line: np.ndarray, rtol: float) -> _Rectangle:
+    """A rectangle with the k and the nodes along w that suit the albedos at nodes of a line."""
+    across = _nodes(_GLANCE)
+    basis = chebyshev.chebvander(across, _GLANCE - 1)
+    series = np.linalg.solve(basis, line)
+    # What was not resolved tells nothing.
+    least = max(_AMPLE * rtol, 4.0 * float(np.abs(series[-2:]).sum()))
+    found = {rectangle.warp: _terms(np.abs(series), least)}
+    for power in (-1, 1) if rectangle.warp > 0.0 else ():
+        # One k^2 is that of a circle, the other the ratio of widths.
+        other = rectangle.warp ** (1 + power)
+        w = np.array([warped(x, rectangle.warp / other) for x in across])
+        again = np.linalg.solve(basis, chebyshev.chebval(w, series))
+        found[other] = _terms(np.abs(again), least)
+    warp = min(found, key=lambda key: found[key])
+    return replace(rectangle, warp=warp, turns=_rung(found[warp] + 2))
 
 
 def _logs(
     model: Model, grids: list[tuple[np.ndarray, np.ndarray]], rtol: float
 ) -> tuple[list[np.ndarray], list[float], int]:
-    """Logarithms of albedos on grids of cosines and azimuths, what they may err by, and evaluations."""
+    """Logarithms of albedos on grids, what they may err by on each, and evaluations."""
     places = [np.broadcast_arrays(c[:, None], phi[None, :]) for c, phi in grids]
     c, phi = (np.concatenate([place[k].ravel() for place in places]) for k in (0, 1))
     found = albedo_rows(
@@ -310,36 +340,26 @@ def _tabulated(model: Model, rectangles: list[_Rectangle], rtol: float) -> tuple
         grids.append(one.grid(_nodes(_ORDER), _nodes(one.turns)))
         grids.append(one.grid(_fresh(_ORDER), _fresh(one.turns)))
     logs, own, used = _logs(model, grids, rtol)
-    fits = [
-        _fitted(
-            one, *(grids[k][0] for k in both), *(logs[k] for k in both), max(own[i] for i in both)
-        )
-        for one, both in zip(
-            rectangles, ((2 * k, 2 * k + 1) for k in range(len(rectangles))), strict=True
-        )
-    ]
+    fits = []
+    for k, one in enumerate(rectangles):
+        both = slice(2 * k, 2 * k + 2)
+        fits.append(_fitted(one, [c for c, _ in grids[both]], logs[both], max(own[both])))
     return fits, used
 
 
 def _fitted(
-    rectangle: _Rectangle,
-    c: np.ndarray,
-    c_fresh: np.ndarray,
-    logs: np.ndarray,
-    fresh: np.ndarray,
-    noise: float,
+    rectangle: _Rectangle, cosines: list[np.ndarray], logs: list[np.ndarray], noise: float
 ) -> _Fit:
     """The series through values at nodes, and how far it misses those at fresh points."""
     low, high = rectangle.y
     # Cosines are rounded: near 1 they stand for another angle.
-    u, u_fresh = (
-        np.clip(2.0 * (folded(x) - low) / (high - low) - 1.0, -1.0, 1.0) for x in (c, c_fresh)
-    )
+    u, u_fresh = (np.clip(2.0 * (folded(x) - low) / (high - low) - 1.0, -1.0, 1.0) for x in cosines)
     turned, turns = _nodes(rectangle.turns), rectangle.turns - 1
-    half = np.linalg.solve(chebyshev.chebvander(u, _ORDER - 1), logs)
+    half = np.linalg.solve(chebyshev.chebvander(u, _ORDER - 1), logs[0])
     series = np.linalg.solve(chebyshev.chebvander(turned, turns), half.T)
     across = chebyshev.chebvander(_fresh(rectangle.turns), turns) @ series
-    missed = float(np.abs(across @ chebyshev.chebvander(u_fresh, _ORDER - 1).T - fresh.T).max())
+    fitted = across @ chebyshev.chebvander(u_fresh, _ORDER - 1).T
+    missed = float(np.abs(fitted - logs[1].T).max())
     lebesgue = _lebesgue(_ORDER) * _lebesgue(rectangle.turns)
     return _Fit(series, _TRUST * missed + lebesgue * noise, missed, noise)
 
@@ -349,7 +369,7 @@ def _finer(tree: _Tree, rectangle: _Rectangle, fit: _Fit, rtol: float) -> list[_
     modulus, turns = np.abs(fit.series), rectangle.turns
     along, across = modulus[:, -3:].sum(), modulus[-2:].sum()
     if turns == 1 or along >= across:
-        (low, high), w = rectangle.y, rectangle.w
+        low, high = rectangle.y
         middle = 0.5 * (low + high)
         fewer = _rung(fit.terms(rtol) + 2) if turns > 1 else 1
         below, above = tree.cut(rectangle.node, 0, middle)
@@ -453,6 +473,11 @@ class Maps:
         if self.tables:
             _divide(wi, wo, *self.known, self.code, out)
 
+    def weigh(self, wi: np.ndarray, wo: np.ndarray, out: np.ndarray) -> None:
+        """Multiply values by what the divisor may err by, relatively, in place."""
+        error = (1.0 + _SHARE) * np.concatenate([table.error for table in self.tables])
+        _weigh(wi, wo, *self.known, np.minimum(error, HOPELESS / len(self.tables)), out)
+
     def between(self, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
         """The divisor for pairs of unit vectors (n, 3)."""
         out = np.ones((len(wi), 1))
@@ -481,41 +506,51 @@ def warped(w, warp):
 
 
 @kernel
+def _across(x, y, quarter):
+    """The coordinate w of a direction, with k = 1."""
+    if not quarter:
+        turn = math.atan2(y, x)
+        return turn if turn >= 0.0 else turn + 2.0 * math.pi
+    square = x * x + y * y
+    return (y * y - x * x) / square if square > 0.0 else -1.0
+
+
+@kernel
+def _leaf(height, place, root, axis, split, child):
+    """The number of the rectangle that holds a place."""
+    node = root
+    while axis[node] >= 0:
+        along = height if axis[node] == 0 else place
+        node = child[node, 0] if along < split[node] else child[node, 1]
+    return child[node, 0]
+
+
+@kernel
 def albedos_at(x, y, z, roots, quarter, axis, split, child, box, warp, size, series, room, out):
     """Fill the logarithms of the albedos of all steps for one direction.
 
-    `room` holds as many numbers as a series has terms along y.
+    `room` holds as many numbers as a series has along y.
     """
     height = fold_vector(x, y, z)
-    across = x * x + y * y
-    fourth = (y * y - x * x) / across if across > 0.0 else -1.0
     for j in range(roots.size):
-        place = fourth
-        if not quarter[j]:
-            turn = math.atan2(y, x)
-            place = turn if turn >= 0.0 else turn + 2.0 * math.pi
-        node = roots[j]
-        while axis[node] >= 0:
-            along = height if axis[node] == 0 else place
-            node = child[node, 0] if along < split[node] else child[node, 1]
-        k = child[node, 0]
+        place = _across(x, y, quarter[j])
+        k = _leaf(height, place, roots[j], axis, split, child)
         if warp[k] > 0.0:
             place = warped(place, warp[k])
         a, b, c, d = box[k, 0], box[k, 1], box[k, 2], box[k, 3]
         inside, within = min(max(height, a), b), min(max(place, c), d)
         u = 2.0 * ((inside - a) - (b - inside)) / (b - a)
         v = 2.0 * ((within - c) - (d - within)) / (d - c)
-        terms = size[k, 1]
-        for m in range(terms):
-            room[m] = series[k, 0, m]
         # Term by term along w, all those along y at once; u and v are twice the variables.
-        before, chebyshev_n = 1.0, 0.5 * v
+        for m in range(_ORDER):
+            room[m] = series[k, 0, m]
+        before, present = 1.0, 0.5 * v
         for n in range(1, size[k, 0]):
-            for m in range(terms):
-                room[m] += chebyshev_n * series[k, n, m]
-            before, chebyshev_n = chebyshev_n, v * chebyshev_n - before
+            for m in range(_ORDER):
+                room[m] += present * series[k, n, m]
+            before, present = present, v * present - before
         total = last = 0.0
-        for m in range(terms - 1, 0, -1):
+        for m in range(size[k, 1] - 1, 0, -1):
             total, last = u * total + (room[m] - last), total
         out[j] = 0.5 * u * total - last + room[0]
 
@@ -550,6 +585,38 @@ def _divide(wi, wo, roots, quarter, axis, split, child, box, warp, size, series,
             if control == 2:
                 product = max(product, math.log(max(vz, lz)))
             out[k, i] *= math.exp(-product)
+
+
+@kernel
+def _weigh(wi, wo, roots, quarter, axis, split, child, box, warp, size, series, error, out):
+    """Multiply values by what the divisor may err by: of each step, the side that is larger."""
+    steps = roots.size
+    at_l, at_v, of_l = np.empty(steps), np.empty(steps), np.empty(steps)
+    known = roots, quarter, axis, split, child, box, warp, size, series
+    room = np.empty(series.shape[2])
+    for k in range(out.shape[0]):
+        x, y, z = wi[0, k], wi[1, k], wi[2, k]
+        albedos_at(x, y, z, *known, room, at_l)
+        height = fold_vector(x, y, z)
+        for j in range(steps):
+            of_l[j] = error[_leaf(height, _across(x, y, quarter[j]), roots[j], axis, split, child)]
+        for i in range(out.shape[1]):
+            x, y, z = wo[0, k, i], wo[1, k, i], wo[2, k, i]
+            if not z > 0.0:
+                continue
+            albedos_at(x, y, z, *known, room, at_v)
+            height, total = fold_vector(x, y, z), 0.0
+            for j in range(steps):
+                place = _across(x, y, quarter[j])
+                of_v = error[_leaf(height, place, roots[j], axis, split, child)]
+                apart, near = at_v[j] - at_l[j], of_v + of_l[j]
+                if apart > near:
+                    total += of_v
+                elif apart < -near:
+                    total += of_l[j]
+                else:
+                    total += max(of_v, of_l[j])
+            out[k, i] *= math.expm1(total)
 
 
 @kernel

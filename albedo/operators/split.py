@@ -26,7 +26,7 @@ _lay_out = indirect(NODES_TYPES)
 # Lines are looked at in so many places, the first and the last of them so near to the ends.
 _LOOKS, _NEAR = 15, 1e-4
 # Lines of a panel, bisections between two that differ, and most panels that one is cut into.
-_LINES, _BISECTIONS, _PIECES = 13, 40, 60
+_LINES, _BISECTIONS, _PIECES = 13, 26, 60
 # Lines that a series is made of. It may be wrong by so much: that of a kink beside the edge is the
 # square. A panel is cut for it until it is so short.
 _TERMS, _BESIDE, _SHORTEST, _DEPTH = 16, 1e-5, 1e-3, 16
@@ -36,8 +36,8 @@ _TO_SERIES = np.linalg.inv(np.polynomial.chebyshev.chebvander(_NODES, _TERMS - 1
 _MOST = 12
 _ROOT_STEPS, _CLOSE = 60, 1e-10
 _CLOSER = 8
-# A kink that changes less than this, relatively, is none.
-_WEAK = 1e-7
+# A kink that changes less than this, relatively, is none; nor is one in what tables err by.
+_WEAK, _NOISE = 1e-7, 0.25
 
 
 @dataclass(frozen=True)
@@ -78,11 +78,15 @@ class SplitChart:
             boxes = np.empty((room, box.shape[1] + 4 + 2 * _TERMS))
             count = _split(
                 *(self._base, geometry, row, code, box, coarse, *self.maps.known),
-                *(self.maps.code, self.maps.changes, *new, boxes),
+                *(self.maps.code, self.maps.changes, self._weak, *new, boxes),
             )
             if count >= 0:
                 return geometry, new[0][:count], new[1][:count], boxes[:count]
             room *= 2
+
+    @property
+    def _weak(self) -> float:
+        return max(_WEAK, _NOISE * max(self.maps.errors, default=0.0))
 
     @property
     def _base(self) -> tuple[int, np.ndarray]:
@@ -142,7 +146,7 @@ def _keep(places, count, x):
 
 
 @kernel
-def _places(base, g, code, box, u, known, control, changes, at_l, counting, places, ends):
+def _places(base, g, code, box, u, known, control, changes, at_l, weak, counting, places, ends):
     """Fill places in (0, 1) of a line where signs change, in order; return how many, and which.
 
     `ends` are filled with the least that the functions are away from 0 at both ends. Places are
@@ -170,7 +174,7 @@ def _places(base, g, code, box, u, known, control, changes, at_l, counting, plac
         before = -1
         for i in range(_LOOKS):
             # What is weaker changes nothing that matters, however often.
-            if abs(seen[j, i]) < _WEAK:
+            if abs(seen[j, i]) < weak:
                 continue
             if before >= 0 and (seen[j, before] > 0.0) != (seen[j, i] > 0.0):
                 a, b, fa, fb = looks[before], looks[i], seen[j, before], seen[j, i]
@@ -201,7 +205,7 @@ def _places(base, g, code, box, u, known, control, changes, at_l, counting, plac
                     break
                 _at(base, g, code, box, u, x, known, control, at_l, one, here)
                 fx = here[j]
-                if (fx > 0.0) != (fb > 0.0) and abs(fx) >= _WEAK:
+                if (fx > 0.0) != (fb > 0.0) and abs(fx) >= weak:
                     first, second = a, c
                     if not counting:
                         first = _root(
@@ -270,7 +274,7 @@ def _base_of(code, box, k, code_1, box_1):
 @kernel
 def _split(base, geometry, row, code, box, coarse, *rest):
     """Fill row, code and box of what panels are cut into; return their number, or -1."""
-    known, (control, changes, new_row, new_code, new_box) = rest[:9], rest[9:]
+    known, (control, changes, weak, new_row, new_code, new_box) = rest[:9], rest[9:]
     at_l, series = np.empty(known[0].size), np.empty(known[-1].shape[2])
     one, wi = np.empty(1), np.empty((3, 1))
     wo, h, weight = np.empty((3, 1, 1)), np.empty((3, 1, 1)), np.empty((1, 1))
@@ -285,7 +289,7 @@ def _split(base, geometry, row, code, box, coarse, *rest):
         _line(base, g, code_1, box_1, one, one, wi, wo, h, weight)
         albedos_at(wi[0, 0], wi[1, 0], wi[2, 0], *known, series, at_l)
         panel = base, g, code_1, box_1
-        divisor = known, control, changes, at_l
+        divisor = known, control, changes, at_l, weak
         cuts[0], cuts[1], kinds[0], patterns[0], m = 0.0, 1.0, 0, 0, 1
         if changes > 0 and not coarse:
             m = _cuts(panel, divisor, cuts, kinds, patterns)
