@@ -41,11 +41,12 @@ _OWN, _LIMIT = 0.05, 400_000
 # Least size of a rectangle.
 _SHORTEST = 1e-6
 # Terms along w that sum to less than this share of the tolerance need no nodes.
-_AMPLE = 0.03
+_AMPLE = 0.06
 # Terms of series that sum to less than this share of a table's error are left out.
 _SHARE = 0.01
 # At 45 degrees the albedo of a lobe with V-cavity masking bends.
-_STARTS = (FIRST, -18.0, -8.0, -4.5, -2.0, -0.8, 0.0, LAST - 0.25 * math.pi, 0.65, LAST)
+STARTS = (FIRST, -18.0, -8.0, -4.5, -2.0, -0.8, 0.0, LAST - 0.25 * math.pi, 0.65, LAST)
+"""Ends in y of the first rectangles."""
 # A logarithm that errs by more tells nothing, and its exponential is no number.
 HOPELESS = 700.0
 _QUARTER, _WHOLE = 0.5 * math.pi, 2.0 * math.pi
@@ -169,10 +170,6 @@ class _Fit:
     missed: float
     noise: float
 
-    def terms(self, rtol: float) -> int:
-        """How many terms along w are needed for a tolerance."""
-        return _terms(np.abs(self.series).sum(1), _AMPLE * rtol)
-
 
 @cache
 def _nodes(count: int) -> np.ndarray:
@@ -216,7 +213,9 @@ def _ratio(model: Model) -> float:
     return max(ratios, key=lambda ratio: abs(math.log(ratio)), default=1.0)
 
 
-def log_map(model: Model, rtol: float, most: int = 10_000) -> LogMap:
+def log_map(
+    model: Model, rtol: float, most: int = 10_000, starts: tuple[float, ...] = STARTS
+) -> LogMap:
     """Tabulate the logarithm of an albedo over all heights and azimuths.
 
     Parameters
@@ -226,6 +225,8 @@ def log_map(model: Model, rtol: float, most: int = 10_000) -> LogMap:
         The relative error asked for, everywhere.
     most : int
         Most albedos that are computed.
+    starts : tuple of float
+        Ends in y of the first rectangles; 0 is one of them.
 
     Returns
     -------
@@ -237,7 +238,7 @@ def log_map(model: Model, rtol: float, most: int = 10_000) -> LogMap:
     InputError
         For an albedo that is not above 0.
     """
-    tree, active = _start(model, rtol)
+    tree, active = _start(model, rtol, starts)
     leaves: list[tuple[_Rectangle, _Fit]] = []
     used = rows = 0
     while active:
@@ -274,15 +275,15 @@ def log_map(model: Model, rtol: float, most: int = 10_000) -> LogMap:
     )
 
 
-def _start(model: Model, rtol: float) -> tuple[_Tree, list[_Rectangle]]:
+def _start(model: Model, rtol: float, starts: tuple[float, ...]) -> tuple[_Tree, list[_Rectangle]]:
     """The first rectangles."""
     quarter = model.isotropic or _symmetric(model, rtol)
     ends = [-1.0, 1.0] if quarter else np.linspace(0.0, _WHOLE, 5).tolist()
     # Between the widths of the lobe and a circle.
     warp = math.sqrt(_ratio(model)) if quarter else 0.0
     tree, found = _Tree(), []
-    bands = tree.over(tree.leaf(), 0, list(_STARTS))
-    for band, y in zip(bands, itertools.pairwise(_STARTS), strict=True):
+    bands = tree.over(tree.leaf(), 0, list(starts))
+    for band, y in zip(bands, itertools.pairwise(starts), strict=True):
         for node, w in zip(tree.over(band, 1, ends), itertools.pairwise(ends), strict=True):
             found.append(_Rectangle(node, y, w, warp, 1))
     if model.isotropic:
@@ -368,18 +369,16 @@ def _finer(tree: _Tree, rectangle: _Rectangle, fit: _Fit, rtol: float) -> list[_
     """What a rectangle is replaced by: more nodes along w, or two halves."""
     modulus, turns = np.abs(fit.series), rectangle.turns
     along, across = modulus[:, -3:].sum(), modulus[-2:].sum()
-    if turns == 1 or along >= across:
+    wanted = _wanted(modulus.sum(1), rtol) if turns > 1 else 1
+    if turns == 1 or along >= across or (along > rtol / _TRUST and wanted <= _TURNS[-1]):
         low, high = rectangle.y
         middle = 0.5 * (low + high)
-        fewer = _rung(fit.terms(rtol) + 2) if turns > 1 else 1
         below, above = tree.cut(rectangle.node, 0, middle)
+        count = _rung(wanted) if wanted <= _TURNS[-1] else turns
         return [
-            replace(rectangle, node=below, y=(low, middle), turns=fewer),
-            replace(rectangle, node=above, y=(middle, high), turns=fewer),
+            replace(rectangle, node=below, y=(low, middle), turns=count),
+            replace(rectangle, node=above, y=(middle, high), turns=count),
         ]
-    sizes = modulus.sum(1)
-    fall = math.log(max(sizes[turns // 2 - 1 :].max() / across, 1.0)) / (0.5 * turns)
-    wanted = turns + math.log(max(across / (_AMPLE * rtol), 1.0)) / max(fall, 1e-3)
     if wanted <= _TURNS[-1]:
         return [replace(rectangle, turns=_rung(max(wanted, turns + 2)))]
     low, high = rectangle.w
@@ -390,6 +389,16 @@ def _finer(tree: _Tree, rectangle: _Rectangle, fit: _Fit, rtol: float) -> list[_
         replace(rectangle, node=before, w=(low, middle), turns=fewer),
         replace(rectangle, node=after, w=(middle, high), turns=fewer),
     ]
+
+
+def _wanted(modulus: np.ndarray, rtol: float) -> float:
+    """How many terms along w a tolerance takes, from those that there are, as they fall."""
+    least, last, half = _AMPLE * rtol, modulus[-2:].sum(), modulus.size // 2
+    enough = _terms(modulus, least) + 2
+    if enough <= modulus.size:
+        return enough
+    fall = math.log(max(modulus[half - 1 :].max() / last, 1.0)) / half
+    return float(modulus.size + math.log(max(last / least, 1.0)) / max(fall, 1e-3))
 
 
 def _plain(w: float, warp: float) -> float:

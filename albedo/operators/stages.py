@@ -22,13 +22,15 @@ from albedo.brdf import Model, Part
 from albedo.charts._compiled import CompiledChart
 from albedo.directions import spherical
 from albedo.integrators.adaptive import integrate
-from albedo.operators.maps import HOPELESS, LogMap, Maps, log_map
+from albedo.operators.maps import HOPELESS, STARTS, LogMap, Maps, log_map
 from albedo.operators.split import SplitChart
 
 # What tables are to be worth: the first albedo is smooth, later ones bend along curves.
 _FIRST, _LATER = 2e-9, 5e-6
 # Most albedos that are computed for one.
-_MOST_FIRST, _MOST_LATER = 10_000, 5_000
+_MOST_FIRST, _MOST_LATER = 10_000, 7_000
+# Where later ones bend most, measured.
+_FINER = tuple(sorted({*STARTS, -3.25, -1.4}))
 # Averages of errors need few digits; they are looked at in so many places along both sides of a
 # rectangle, and what is between them is not twice as much.
 _ROUGH, _LIMIT, _LOOKS, _BETWEEN = 0.1, 40_000, 3, 2.0
@@ -64,9 +66,10 @@ class Stages:
         while len(self.tables) < steps:
             k = len(self.tables)
             present = self.stage(self.model, k, self.control, self.rtol)
-            most = _MOST_LATER if k > 0 and not self.model.isotropic else _MOST_FIRST
-            table = log_map(present, self.worth(k), most)
-            if k > 0:
+            if k == 0:
+                table = log_map(present, self.worth(k), _MOST_FIRST)
+            else:
+                table = log_map(present, self.worth(k), _MOST_LATER, _FINER)
                 table = replace(table, error=table.error + self._inherited(table))
             self.tables.append(table)
         return self.tables[:steps]
