@@ -309,7 +309,8 @@ def _suited(rectangle: _Rectangle, line: np.ndarray, rtol: float) -> _Rectangle:
         again = np.linalg.solve(basis, chebyshev.chebval(w, series))
         found[other] = _terms(np.abs(again), least)
     warp = min(found, key=lambda key: found[key])
-    return replace(rectangle, warp=warp, turns=_rung(found[warp] + 2))
+    resolved = least <= _AMPLE * rtol
+    return replace(rectangle, warp=warp, turns=_rung(found[warp] + 2 if resolved else _GLANCE // 2))
 
 
 def _logs(

@@ -27,8 +27,9 @@ from albedo.operators.stages import Stages, stages
 _MOST_STEPS = 100
 # What the albedos that are divided by are worth: twenty curves leave 1e-8.
 _OF_CURVES = 2e-10
-# What albedos are worth that are divided by tables, in what the last table is worth.
-_FOLD = 5.0
+# What albedos are worth that are divided by tables, in what the last table was asked for: one that
+# bends may be worth less.
+_FOLD, _FOLD_LATER = 5.0, 20.0
 
 
 class _Dividing(Protocol):
@@ -138,7 +139,8 @@ class Pumped(Model):
         """The relative error that its albedos reach by default."""
         if self._in_rings or self.steps == 0:
             return 1e-8
-        return max(_FOLD * self._of_tables.worth(self.steps - 1), 1e-8)
+        fold = _FOLD if self.steps == 1 else _FOLD_LATER
+        return max(fold * self._of_tables.worth(self.steps - 1), 1e-8)
 
     @property
     def _of_tables(self) -> Stages:
