@@ -17,7 +17,7 @@ from albedo.directions import spherical
 from albedo.errors import InputError
 from albedo.integrators.adaptive import integrate
 from albedo.integrators.cells import ModelIntegrand
-from albedo.operators.maps import Maps, log_map
+from albedo.operators.maps import log_map
 from albedo.operators.pump import _of_stage
 from albedo.operators.split import SplitChart
 from albedo.operators.stages import Stages
@@ -134,24 +134,22 @@ def test_lobes_may_lie_anywhere(base: Model) -> None:
         assert misses[1] <= 0.3 * misses[0] + 1e-5
 
 
-@pytest.mark.parametrize("steps", [1, 2])
-def test_steps_over_a_saddle_are_integrals_over_levels(steps: int) -> None:
+@pytest.mark.parametrize(
+    ("steps", "rtol"), [(1, None), (1, 1e-3), pytest.param(2, 1e-3, marks=pytest.mark.slow)]
+)
+def test_steps_over_a_saddle_are_integrals_over_levels(steps: int, rtol: float | None) -> None:
     """The level through the saddle crosses itself, and all albedos but the first bend there."""
     base = Saddle()
     c, phi = np.array([1.0, 0.8, 0.5, 0.1, 1e-3]), np.array([0.0, 0.3, 0.9, 1.4, 0.6])
     exact = np.array([base.after(steps, float(s)) for s in base.level(spherical(c, phi))])
-    model = albedo.pump(base, steps)
+    model = albedo.pump(base, steps, rtol=rtol)
     found = albedo.directional_albedo(model, c, phi, rtol=model.usual_rtol)
     assert found.converged.all()
     assert np.all(np.abs(found.value - exact) <= found.error)
     assert np.all(found.error <= model.usual_rtol * exact)
-    rough = albedo.pump(base, steps, rtol=1e-3)
-    assert isinstance(rough.divisor, Maps)
-    found = albedo.directional_albedo(rough, c, phi, rtol=0.1)
-    assert np.all(np.abs(found.value - exact) <= found.error)
 
 
-@pytest.mark.parametrize("base", [ELLIPTIC, GGX], ids=str)
+@pytest.mark.parametrize("base", [ELLIPTIC, pytest.param(GGX, marks=pytest.mark.slow)], ids=str)
 def test_a_first_step_over_azimuths_is_worth_as_much_as_over_heights(base: Model) -> None:
     model = albedo.pump(base, 1)
     assert model.usual_rtol == 1e-8

@@ -310,7 +310,7 @@ def _suited(rectangle: _Rectangle, line: np.ndarray, rtol: float) -> _Rectangle:
         found[other] = _terms(np.abs(again), least)
     warp = min(found, key=lambda key: found[key])
     resolved = least <= _AMPLE * rtol
-    return replace(rectangle, warp=warp, turns=_rung(found[warp] + 2 if resolved else _GLANCE // 2))
+    return replace(rectangle, warp=warp, turns=_rung(found[warp] + 2 if resolved else _GLANCE // 3))
 
 
 def _logs(

@@ -244,7 +244,9 @@ class Pumped(Model):
         self, steps: Ladder | Stages, part: Part, doubt: Callable[[np.ndarray | None], Any]
     ) -> Callable[[np.ndarray, np.ndarray], np.ndarray] | None:
         """See `albedo.brdf.Part`: where errors are known cell by cell, few of them matter."""
-        if not isinstance(steps, Stages) or self._error(steps) == 0.0:
+        if not isinstance(steps, Stages) or not steps.trusted(self.steps):
+            return None
+        if self._error(steps) == 0.0:
             return None
 
         def average(cosines: np.ndarray, phi: np.ndarray) -> np.ndarray:

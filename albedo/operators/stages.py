@@ -25,6 +25,9 @@ from albedo.integrators.adaptive import integrate
 from albedo.operators.maps import HOPELESS, STARTS, LogMap, Maps, log_map
 from albedo.operators.split import SplitChart
 
+# A table that errs by more somewhere is of a function that jumps: what it promises elsewhere is
+# not to be trusted.
+_JUMPS = 0.1
 # What tables are to be worth: the first albedo is smooth, later ones bend along curves.
 _FIRST, _LATER = 2e-9, 5e-6
 # Most albedos that are computed for one.
@@ -89,7 +92,7 @@ class Stages:
             own, sent = self.average(part, steps, c.ravel(), phi.ravel())
             error, value = error + own, value + sent
         _, weights = self.model.spikes(spherical(c.ravel(), phi.ravel()))
-        if len(weights):
+        if len(weights) or not self.trusted(steps):
             return np.full(len(c), self.doubt(steps))
         found: np.ndarray = _BETWEEN * (error / value).reshape(c.shape).max(1)
         return found
@@ -137,6 +140,10 @@ class Stages:
         if steps == 0:
             return chart
         return SplitChart(chart, self.divisor(steps))
+
+    def trusted(self, steps: int) -> bool:
+        """Whether the errors of all rectangles mean something, beside the largest of them."""
+        return self.doubt(steps) <= _JUMPS
 
     def doubt(self, steps: int) -> float:
         """Bound on the relative error of the divisor of so many steps, whatever L and V are."""
