@@ -235,6 +235,9 @@ class Part:
     doubt : float or callable
         Relative error of the values where numbers in them were computed with an error. A callable
         is called with the cosines of light directions; with None it gives the worst of all.
+    average_doubt : callable, optional
+        Relative error of the albedos, from cosines and azimuths of light directions, where that
+        is less than the largest of the values.
     routine : Routine, optional
         How to draw directions for this lobe; by default what the chart and the widths suggest.
     """
@@ -248,6 +251,7 @@ class Part:
     columns: tuple[int, int | None] = (0, None)
     scale: float = 1.0
     doubt: float | Callable[[np.ndarray | None], Any] = 0.0
+    average_doubt: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
     routine: Routine | tuple[Routine, ...] | None = None
 
     def packed(self, rows: np.ndarray) -> np.ndarray:

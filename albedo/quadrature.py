@@ -26,6 +26,9 @@ _SPIKED = 64
 # A scan of the hemisphere needs as many before it can promise a resolved width of 1e-4 rad.
 _SCAN_LIMIT = 4_000_000_000
 
+# What the numbers of a part err by is looked at closely from this share of the tolerance on.
+_SMALL = 0.1
+
 # A direction this close to the horizon, in widths of the lobe, stands for cos_theta = 0; the
 # change from one a thousand times farther is added to the bound.
 _GRAZING = 1e-18
@@ -260,6 +263,10 @@ def _rows(
                 # The views of a symmetric model are lights.
                 known = not swap or prepared[j][3]
                 doubt[at] = own(cos_theta[rows][at] if known else None) if callable(own) else own
+                average = prepared[j][0][k].average_doubt
+                if known and average is not None and doubt[at].max() > _SMALL * options["rtol"]:
+                    averaged = average(cos_theta[rows][at], phi[rows][at])
+                    doubt[at] = np.minimum(doubt[at], averaged)
             # What the part's own numbers are worth is not spent a second time.
             share["rtol"] = options["rtol"] - min(float(doubt.max()), 0.5 * options["rtol"])
             result = _part(

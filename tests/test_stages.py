@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -9,7 +10,9 @@ import pytest
 from steps import nystrom
 
 import albedo
-from albedo.brdf import Model
+from albedo._compile import kernel
+from albedo.brdf import Model, Part, Real
+from albedo.charts.cosine import CosineChart
 from albedo.directions import spherical
 from albedo.errors import InputError
 from albedo.integrators.adaptive import integrate
@@ -19,12 +22,79 @@ from albedo.operators.pump import _of_stage
 from albedo.operators.split import SplitChart
 from albedo.operators.stages import Stages
 
+
+@kernel
+def fill_saddle(wi, wo, h, p, out):
+    """f = g(l) g(v)/pi, g = 1 + b (x^2 - y^2): its albedo is g."""
+    for j in range(out.shape[0]):
+        b = p[j, 0]
+        light = 1.0 + b * (wi[0, j] - wi[1, j]) * (wi[0, j] + wi[1, j])
+        for i in range(out.shape[1]):
+            x, y = wo[0, j, i], wo[1, j, i]
+            out[j, i] = light * (1.0 + b * (x - y) * (x + y)) / math.pi
+
+
+class Saddle(Model):
+    """A model whose albedo has a saddle at the normal, and whose steps are integrals over levels.
+
+    Over the unit disk of (x, y), s = x^2 - y^2 has the density arcosh(1/|s|)/pi. With g = 1 + b s
+    the albedo after k steps is a function A_k of s, which rises with s: A_0 = g, and
+    A_k(s) = int min(g, g')/(A_1 ... A_(k-1))(the larger of s and s') arcosh(1/|s'|)/pi ds'.
+    """
+
+    name = "saddle"
+    title = "product of two saddles"
+    equation = "none"
+    isotropic = False
+    conserves_energy = False
+    b = Real(0.5, "height of the saddle", low=0.0, high=0.9)
+
+    def pack(self) -> tuple[float, ...]:
+        return (self.b,)
+
+    def parts(self) -> tuple[Part, ...]:
+        return (Part("diffuse", fill_saddle, CosineChart()),)
+
+    def level(self, wi: np.ndarray) -> np.ndarray:
+        """s for unit vectors (n, 3)."""
+        found: np.ndarray = (wi[:, 0] - wi[:, 1]) * (wi[:, 0] + wi[:, 1])
+        return found
+
+    def after(self, steps: int, level: float) -> float:
+        """The albedo after some steps, by plain rules between the places that are not smooth."""
+        if steps == 0:
+            return 1.0 + self.b * level
+        x, w = np.polynomial.legendre.leggauss(40)
+        # The density is a logarithm at 0 and a root at both ends.
+        x, w = 0.5 * (x + 1.0), 0.5 * w
+        x, w = x**4 * (5.0 - 4.0 * x), w * 20.0 * x**3 * (1.0 - x)
+        total = 0.0
+        ends = sorted({-1.0, 0.0, 1.0, level})
+        for low, high in itertools.pairwise(ends):
+            for s, near, share in ((low, high, 1.0), (high, low, -1.0)):
+                place = s + 0.5 * (near - s) * x
+                weight = 0.5 * (near - s) * share * w
+                larger = np.maximum(place, level)
+                value = 1.0 + self.b * np.minimum(place, level)
+                for k in range(1, steps):
+                    value = value / np.array([self.after(k, t) for t in larger])
+                total += float(weight @ (value * np.arccosh(1.0 / np.abs(place)) / math.pi))
+        return total
+
+
+class Turned(type(albedo.model("ward"))):  # type: ignore[misc]
+    """Ward's model, whose azimuths are told from one another."""
+
+    isotropic = False
+
+
 COSINES = np.array([1.0, 0.9, 0.5, 0.2, 0.05, 1e-3, 1e-6])
 PHONG = albedo.model("phong", n=20)
 WARD = albedo.model("ward", m=0.4)
 ELLIPTIC = albedo.model("ward", alpha_x=0.4, alpha_y=0.2)
 SCALED = albedo.model("lafortune_scaled")
 UPRIGHT = albedo.model("lafortune", lobes=((0.0, 0.0, 1.0, 1.0),))
+GGX = albedo.model("cook_torrance", alpha_x=0.3, alpha_y=0.1, distribution="ggx")
 RETRO = albedo.model("lafortune", lobes=((0.9, 0.9, 0.9, 10.0),), rho_d=0.2)
 
 
@@ -66,6 +136,42 @@ def test_lobes_may_lie_anywhere(base: Model) -> None:
         # A kink makes the other method of second order, see test_pump.py.
         assert misses[0] <= 3.0 / 48**2
         assert misses[1] <= 0.3 * misses[0] + 1e-5
+
+
+@pytest.mark.parametrize(
+    ("steps", "rtol"), [(1, None), (1, 1e-3), pytest.param(2, 1e-3, marks=pytest.mark.slow)]
+)
+def test_steps_over_a_saddle_are_integrals_over_levels(steps: int, rtol: float | None) -> None:
+    """The level through the saddle crosses itself, and all albedos but the first bend there."""
+    base = Saddle()
+    c, phi = np.array([1.0, 0.8, 0.5, 0.1, 1e-3]), np.array([0.0, 0.3, 0.9, 1.4, 0.6])
+    exact = np.array([base.after(steps, float(s)) for s in base.level(spherical(c, phi))])
+    model = albedo.pump(base, steps, rtol=rtol)
+    found = albedo.directional_albedo(model, c, phi, rtol=model.usual_rtol)
+    assert found.converged.all()
+    assert np.all(np.abs(found.value - exact) <= found.error)
+    assert np.all(found.error <= model.usual_rtol * exact)
+
+
+@pytest.mark.parametrize("base", [ELLIPTIC, pytest.param(GGX, marks=pytest.mark.slow)], ids=str)
+def test_a_first_step_over_azimuths_is_worth_as_much_as_over_heights(base: Model) -> None:
+    model = albedo.pump(base, 1)
+    assert model.usual_rtol == 1e-8
+    (table,) = model.albedos
+    assert table.error.max() <= 2e-9
+    c, phi = np.tile(COSINES, 3), np.repeat([0.1, 0.8, 1.5], COSINES.size)
+    own = albedo.directional_albedo(base, c, phi, rtol=1e-10)
+    apart = np.abs(table.at(spherical(c, phi)) - own.value)
+    assert np.all(apart <= table.error.max() * own.value + own.error)
+    assert albedo.directional_albedo(model, c, phi).converged.all()
+
+
+def test_azimuths_that_make_no_difference_change_nothing() -> None:
+    for m in (0.2, 0.4):
+        turned = albedo.directional_albedo(albedo.pump(Turned(m=m), 1), COSINES, 0.4)
+        rings = albedo.directional_albedo(albedo.pump(albedo.model("ward", m=m), 1), COSINES, 0.4)
+        assert turned.converged.all()
+        assert np.all(np.abs(turned.value - rings.value) <= turned.error + rings.error)
 
 
 def plain_rule(size: int) -> tuple[np.ndarray, np.ndarray]:

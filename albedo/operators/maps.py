@@ -1,17 +1,22 @@
 """What pumping-up divides by where albedos depend on the azimuth, or lobes lie anywhere.
 
 An albedo is a table of its logarithm over heights and azimuths: tensor Chebyshev series on
-rectangles of (y, azimuth), y being the coordinate of `albedo.operators.divisor`, which are halved
-across the worse direction until fresh points between their nodes confirm them. Where a model is
-symmetric about its tangent and bitangent, as well as can be seen, a quarter of the azimuths does.
+rectangles of (y, w), y being the coordinate of `albedo.charts.heights`. Where a model is symmetric
+about its tangent and bitangent, as well as can be seen, an albedo is a smooth function of
+cos(2 azimuth), and w = -cos(2 psi) with tan(azimuth) = k tan(psi). Near the normal k = 1 suits
+best, towards grazing incidence k^2 is about the ratio of the widths of an elliptic lobe: each band
+of heights has the k that needs the fewest terms. Elsewhere w is the azimuth itself.
+
+Rectangles get more nodes along w, or are cut in two across the worse direction, until fresh points
+between their nodes confirm them.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -23,22 +28,27 @@ from albedo.errors import InputError
 from albedo.operators.divisor import CONTROLS
 from albedo.quadrature import albedo_rows
 
-# Nodes along y and along the azimuth, and fresh points between them.
-_ORDER, _TURNS = 16, 8
-_NODES, _FRESH = chebyshev.chebpts1(_ORDER), chebyshev.chebpts2(_ORDER + 1)[::2]
-_TURNED, _FRESH_TURNED = chebyshev.chebpts1(_TURNS), chebyshev.chebpts2(_TURNS + 1)[::2]
+# Nodes along y, and the numbers of them that there may be along w.
+_ORDER = 16
+_TURNS = (1, 4, 6, 8, 10, 12, 14, 16, 20, 24, 28, 32)
+# Nodes of the first look along w.
+_GLANCE = 32
 # Between its nodes an interpolant errs most. Fresh points stand in every second gap, and at both
 # ends: what a gap between them hides is not many times as much.
 _TRUST = 8.0
-# What errors at the nodes may come to between them: the Lebesgue constants of both sets of nodes.
-_LEBESGUE, _LEBESGUE_TURNED = 2.8, 2.4
 # What an albedo itself may err by, as a share of the tolerance, and evaluations that it may take.
-_OWN, _LIMIT = 0.05, 100_000
-# Rectangles of an anisotropic albedo cost a hundred times what pieces of an isotropic one do.
-_MOST, _MOST_TURNED, _SHORTEST = 400, 60, 1e-6
+_OWN, _LIMIT = 0.05, 400_000
+# Least size of a rectangle.
+_SHORTEST = 1e-6
+# Terms along w that sum to less than this share of the tolerance need no nodes.
+_AMPLE = 0.06
 # Terms of series that sum to less than this share of a table's error are left out.
 _SHARE = 0.01
-_STARTS = (FIRST, -24.0, -8.0, -3.0, 0.0, LAST)
+# At 45 degrees the albedo of a lobe with V-cavity masking bends.
+STARTS = (FIRST, -18.0, -8.0, -4.5, -2.0, -0.8, 0.0, LAST - 0.25 * math.pi, 0.65, LAST)
+"""Ends in y of the first rectangles."""
+# A logarithm that errs by more tells nothing, and its exponential is no number.
+HOPELESS = 700.0
 _QUARTER, _WHOLE = 0.5 * math.pi, 2.0 * math.pi
 _SYMMETRY_CHECKS = 12
 
@@ -50,21 +60,24 @@ class LogMap:
     Attributes
     ----------
     box : ndarray, shape (m, 4)
-        Ends of the rectangles in y and in azimuth.
-    series : ndarray, shape (m, 16, 8)
-        Chebyshev coefficients on each; one along the azimuth for an isotropic model.
+        Ends of the rectangles in y and in w.
+    warp : ndarray, shape (m,)
+        The k^2 of the w of each; 0 where w is the azimuth.
+    series : ndarray, shape (m, q, 16)
+        Chebyshev coefficients on each, those along w first; q is 1 for an isotropic model.
     error : ndarray, shape (m,)
         Bound on the error over each, relative to the albedo.
     quarter : bool
         A quarter of the azimuths stands for all.
     axis, split, child : ndarray
         A tree that finds the rectangle of a place: along which direction a node is cut (-1: it is
-        a leaf), where, and the two nodes or the rectangle below it.
+        a leaf), where (in w with k = 1), and the two nodes or the rectangle below it.
     evaluations : int
         Of the model, to make the table.
     """
 
     box: np.ndarray
+    warp: np.ndarray
     series: np.ndarray
     error: np.ndarray
     quarter: bool
@@ -72,6 +85,17 @@ class LogMap:
     split: np.ndarray
     child: np.ndarray
     evaluations: int
+
+    def places(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Cosines and azimuths of places spread over every rectangle, ends included: (m, n)."""
+        t = np.linspace(0.0, 1.0, count)
+        c, phi = [], []
+        for (low, high, first, last), warp in zip(self.box, self.warp, strict=True):
+            heights = np.clip(unfolded(low + t * (high - low)), LOWEST, 1.0)
+            turns = _azimuths(first + t * (last - first), warp)
+            c.append(np.repeat(heights, count))
+            phi.append(np.tile(turns, count))
+        return np.array(c), np.array(phi)
 
     def at(self, wi: np.ndarray) -> np.ndarray:
         """The albedo for unit vectors (n, 3)."""
@@ -109,7 +133,89 @@ class _Tree:
         return self.over(low, axis, ends[: k + 1]) + self.over(high, axis, ends[k:])
 
 
-def log_map(model: Model, rtol: float) -> LogMap:
+@dataclass(frozen=True)
+class _Rectangle:
+    """A rectangle that is to be tabulated.
+
+    A leaf of the tree, ends in y and w, the k^2 of its w, and nodes along w.
+    """
+
+    node: int
+    y: tuple[float, float]
+    w: tuple[float, float]
+    warp: float
+    turns: int
+
+    @property
+    def rows(self) -> int:
+        """How many albedos it takes."""
+        return _ORDER * self.turns + _fresh(_ORDER).size * _fresh(self.turns).size
+
+    def grid(self, along: np.ndarray, across: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Cosines, and azimuths, of nodes given in [-1, 1]."""
+        y = self.y[0] + 0.5 * (along + 1.0) * (self.y[1] - self.y[0])
+        w = self.w[0] + 0.5 * (across + 1.0) * (self.w[1] - self.w[0])
+        return np.clip(unfolded(y), LOWEST, 1.0), _azimuths(w, self.warp)
+
+
+@dataclass
+class _Fit:
+    """A series on a rectangle, and what it is worth.
+
+    `missed` is the most by which fresh points were missed, `noise` what albedos may err by.
+    """
+
+    series: np.ndarray
+    bound: float
+    missed: float
+    noise: float
+
+
+@cache
+def _nodes(count: int) -> np.ndarray:
+    found: np.ndarray = chebyshev.chebpts1(count) if count > 1 else np.zeros(1)
+    return found
+
+
+@cache
+def _fresh(count: int) -> np.ndarray:
+    found: np.ndarray = chebyshev.chebpts2(count + 1)[::2] if count > 1 else np.zeros(1)
+    return found
+
+
+def _lebesgue(count: int) -> float:
+    """What errors at so many nodes may come to between them (Rivlin)."""
+    return 2.0 / math.pi * math.log(count) + 1.0
+
+
+def _terms(modulus: np.ndarray, least: float) -> int:
+    """How many terms are needed for the others to sum to less."""
+    beyond = np.cumsum(modulus[::-1])[::-1]
+    return max(int(np.count_nonzero(beyond > least)), 1)
+
+
+def _rung(terms: float) -> int:
+    """A number of nodes for so many terms."""
+    return next((count for count in _TURNS if count >= terms), _TURNS[-1])
+
+
+def _azimuths(w: np.ndarray, warp: float) -> np.ndarray:
+    """The azimuths at w."""
+    if warp == 0.0:
+        return w
+    half = 0.5 * np.arccos(np.clip(-w, -1.0, 1.0))
+    return np.arctan2(math.sqrt(warp) * np.sin(half), np.cos(half))
+
+
+def _ratio(model: Model) -> float:
+    """The ratio of the widths of the most elongated lobe, along x and y."""
+    ratios = [part.widths[0] / part.widths[1] for part in model.parts()]
+    return max(ratios, key=lambda ratio: abs(math.log(ratio)), default=1.0)
+
+
+def log_map(
+    model: Model, rtol: float, most: int = 10_000, starts: tuple[float, ...] = STARTS
+) -> LogMap:
     """Tabulate the logarithm of an albedo over all heights and azimuths.
 
     Parameters
@@ -117,6 +223,10 @@ def log_map(model: Model, rtol: float) -> LogMap:
     model : Model
     rtol : float
         The relative error asked for, everywhere.
+    most : int
+        Most albedos that are computed.
+    starts : tuple of float
+        Ends in y of the first rectangles; 0 is one of them.
 
     Returns
     -------
@@ -128,88 +238,173 @@ def log_map(model: Model, rtol: float) -> LogMap:
     InputError
         For an albedo that is not above 0.
     """
-    # One node along the azimuth is enough where none differs from another.
-    turned = np.zeros(1) if model.isotropic else _TURNED
-    fresh_turned = np.zeros(1) if model.isotropic else _FRESH_TURNED
-    lebesgue = _LEBESGUE if model.isotropic else _LEBESGUE * _LEBESGUE_TURNED
-    quarter = model.isotropic or _symmetric(model, rtol)
-    turns = np.linspace(0.0, _QUARTER if quarter else _WHOLE, 2 if quarter else 5).tolist()
-    tree = _Tree()
-    active: list[tuple[int, float, float, float, float]] = []
-    for band, ends in zip(
-        tree.over(tree.leaf(), 0, list(_STARTS)), itertools.pairwise(_STARTS), strict=True
-    ):
-        for node, (first, last) in zip(
-            tree.over(band, 1, turns), itertools.pairwise(turns), strict=True
-        ):
-            active.append((node, *ends, first, last))
-    leaves: list[tuple[np.ndarray, np.ndarray, float]] = []
-    used = 0
-    turn_basis = chebyshev.chebvander(turned, turned.size - 1)
-    fresh_basis = chebyshev.chebvander(fresh_turned, turned.size - 1)
+    tree, active = _start(model, rtol, starts)
+    leaves: list[tuple[_Rectangle, _Fit]] = []
+    used = rows = 0
     while active:
-        box = np.array([rectangle[1:] for rectangle in active])
-        sets = []
-        for along, across in ((_NODES, turned), (_FRESH, fresh_turned)):
-            size = box[:, 1:2] - box[:, :1]
-            c = np.clip(unfolded(box[:, :1] + 0.5 * (along + 1.0) * size), LOWEST, 1.0)
-            phi = box[:, 2:3] + 0.5 * (across + 1.0) * (box[:, 3:] - box[:, 2:3])
-            places = np.broadcast_arrays(c[:, :, None], phi[:, None, :])
-            flat = places[0].ravel(), places[1].ravel()
-            found = albedo_rows(
-                [model] * flat[0].size,
-                *flat,
-                rtol=_OWN * rtol,
-                atol=0.0,
-                max_evaluations=_LIMIT,
-            )
-            used += int(found.evaluations.sum())
-            dark = ~(found.value > 0.0)
-            if dark.any():
-                raise InputError(
-                    f"{model.spec} cannot be pumped up: at cos_theta = {flat[0][dark][0]:.3g} "
-                    f"its albedo is {found.value[dark][0]:g}, not above 0"
-                )
-            # Cosines are rounded: near 1 they stand for another angle.
-            u = np.clip(2.0 * (folded(c) - box[:, :1]) / size - 1.0, -1.0, 1.0)
-            shape = places[0].shape
-            own = (found.error / found.value).reshape(shape).max((1, 2))
-            sets.append((np.log(found.value.reshape(shape)), own, u))
-        (logs, own, u), (fresh, other, u_fresh) = sets
-        half = np.linalg.solve(chebyshev.chebvander(u, _ORDER - 1), logs)
-        series = np.linalg.solve(turn_basis, half.transpose(0, 2, 1)).transpose(0, 2, 1)
-        fitted = chebyshev.chebvander(u_fresh, _ORDER - 1) @ series @ fresh_basis.T
-        missed = np.abs(fitted - fresh).max((1, 2))
-        noise = np.maximum(own, other)
-        bound = _TRUST * missed + lebesgue * noise
-        done = (bound <= rtol) | (missed <= noise) | (box[:, 1] - box[:, 0] < _SHORTEST)
-        if len(leaves) + 2 * len(active) > (_MOST if model.isotropic else _MOST_TURNED):
-            done[:] = True
-        tails = np.abs(series[:, -3:]).sum((1, 2)), np.abs(series[:, :, -2:]).sum((1, 2))
-        halves: list[tuple[int, float, float, float, float]] = []
-        for k, (node, low, high, first, last) in enumerate(active):
-            if done[k]:
-                tree.child[node] = [len(leaves), -1]
-                leaves.append((box[k], series[k], float(bound[k])))
-            elif model.isotropic or tails[0][k] >= tails[1][k]:
-                middle = 0.5 * (low + high)
-                below, above = tree.cut(node, 0, middle)
-                halves += [(below, low, middle, first, last), (above, middle, high, first, last)]
+        fits, evaluations = _tabulated(model, active, rtol)
+        used += evaluations
+        rows += sum(rectangle.rows for rectangle in active)
+        poor: list[tuple[_Rectangle, _Fit]] = []
+        for rectangle, fit in zip(active, fits, strict=True):
+            enough = fit.bound <= rtol or fit.missed <= fit.noise
+            short = rectangle.y[1] - rectangle.y[0] < _SHORTEST
+            (leaves if enough or short else poor).append((rectangle, fit))
+        active, spent = [], rows
+        for rectangle, fit in sorted(poor, key=lambda one: -one[1].bound):
+            spent += 2 * rectangle.rows
+            if spent > most:
+                leaves.append((rectangle, fit))
             else:
-                middle = 0.5 * (first + last)
-                before, after = tree.cut(node, 1, middle)
-                halves += [(before, low, high, first, middle), (after, low, high, middle, last)]
-        active = halves
+                active += _finer(tree, rectangle, fit, rtol)
+    for k, (rectangle, _) in enumerate(leaves):
+        tree.child[rectangle.node] = [k, -1]
+    series = np.zeros((len(leaves), max(one.turns for one, _ in leaves), _ORDER))
+    for k, (rectangle, fit) in enumerate(leaves):
+        series[k, : rectangle.turns] = fit.series
     return LogMap(
-        np.array([leaf[0] for leaf in leaves]),
-        np.array([leaf[1] for leaf in leaves]),
-        np.array([leaf[2] for leaf in leaves]),
-        quarter,
+        np.array([(*rectangle.y, *rectangle.w) for rectangle, _ in leaves]),
+        np.array([rectangle.warp for rectangle, _ in leaves]),
+        series,
+        np.array([fit.bound for _, fit in leaves]),
+        leaves[0][0].warp > 0.0,
         np.array(tree.axis),
         np.array(tree.split),
         np.array(tree.child),
         used,
     )
+
+
+def _start(model: Model, rtol: float, starts: tuple[float, ...]) -> tuple[_Tree, list[_Rectangle]]:
+    """The first rectangles."""
+    quarter = model.isotropic or _symmetric(model, rtol)
+    ends = [-1.0, 1.0] if quarter else np.linspace(0.0, _WHOLE, 5).tolist()
+    # Between the widths of the lobe and a circle.
+    warp = math.sqrt(_ratio(model)) if quarter else 0.0
+    tree, found = _Tree(), []
+    bands = tree.over(tree.leaf(), 0, list(starts))
+    for band, y in zip(bands, itertools.pairwise(starts), strict=True):
+        for node, w in zip(tree.over(band, 1, ends), itertools.pairwise(ends), strict=True):
+            found.append(_Rectangle(node, y, w, warp, 1))
+    if model.isotropic:
+        return tree, found
+    # Lines in the middle tell which k suits, and how many nodes it takes along w.
+    middle, across = np.zeros(1), _nodes(_GLANCE)
+    logs, _, _ = _logs(model, [rectangle.grid(middle, across) for rectangle in found], rtol)
+    return tree, [_suited(one, line[0], rtol) for one, line in zip(found, logs, strict=True)]
+
+
+def _suited(rectangle: _Rectangle, line: np.ndarray, rtol: float) -> _Rectangle:
+    """A rectangle with the k and the nodes along w that suit the albedos at nodes of a line."""
+    across = _nodes(_GLANCE)
+    basis = chebyshev.chebvander(across, _GLANCE - 1)
+    series = np.linalg.solve(basis, line)
+    # What was not resolved tells nothing.
+    least = max(_AMPLE * rtol, 4.0 * float(np.abs(series[-2:]).sum()))
+    found = {rectangle.warp: _terms(np.abs(series), least)}
+    for power in (-1, 1) if rectangle.warp > 0.0 else ():
+        # One k^2 is that of a circle, the other the ratio of widths.
+        other = rectangle.warp ** (1 + power)
+        w = np.array([warped(x, rectangle.warp / other) for x in across])
+        again = np.linalg.solve(basis, chebyshev.chebval(w, series))
+        found[other] = _terms(np.abs(again), least)
+    warp = min(found, key=lambda key: found[key])
+    resolved = least <= _AMPLE * rtol
+    return replace(rectangle, warp=warp, turns=_rung(found[warp] + 2 if resolved else _GLANCE // 3))
+
+
+def _logs(
+    model: Model, grids: list[tuple[np.ndarray, np.ndarray]], rtol: float
+) -> tuple[list[np.ndarray], list[float], int]:
+    """Logarithms of albedos on grids, what they may err by on each, and evaluations."""
+    places = [np.broadcast_arrays(c[:, None], phi[None, :]) for c, phi in grids]
+    c, phi = (np.concatenate([place[k].ravel() for place in places]) for k in (0, 1))
+    found = albedo_rows(
+        [model] * c.size, c, phi, rtol=_OWN * rtol, atol=0.0, max_evaluations=_LIMIT
+    )
+    dark = ~(found.value > 0.0)
+    if dark.any():
+        raise InputError(
+            f"{model.spec} cannot be pumped up: at cos_theta = {c[dark][0]:.3g} "
+            f"its albedo is {found.value[dark][0]:g}, not above 0"
+        )
+    ends = np.cumsum([place[0].size for place in places])[:-1]
+    logs = np.split(np.log(found.value), ends)
+    errors = np.split(found.error / found.value, ends)
+    shaped = [line.reshape(place[0].shape) for line, place in zip(logs, places, strict=True)]
+    return shaped, [float(own.max()) for own in errors], int(found.evaluations.sum())
+
+
+def _tabulated(model: Model, rectangles: list[_Rectangle], rtol: float) -> tuple[list[_Fit], int]:
+    """Series on rectangles, and evaluations."""
+    grids = []
+    for one in rectangles:
+        grids.append(one.grid(_nodes(_ORDER), _nodes(one.turns)))
+        grids.append(one.grid(_fresh(_ORDER), _fresh(one.turns)))
+    logs, own, used = _logs(model, grids, rtol)
+    fits = []
+    for k, one in enumerate(rectangles):
+        both = slice(2 * k, 2 * k + 2)
+        fits.append(_fitted(one, [c for c, _ in grids[both]], logs[both], max(own[both])))
+    return fits, used
+
+
+def _fitted(
+    rectangle: _Rectangle, cosines: list[np.ndarray], logs: list[np.ndarray], noise: float
+) -> _Fit:
+    """The series through values at nodes, and how far it misses those at fresh points."""
+    low, high = rectangle.y
+    # Cosines are rounded: near 1 they stand for another angle.
+    u, u_fresh = (np.clip(2.0 * (folded(x) - low) / (high - low) - 1.0, -1.0, 1.0) for x in cosines)
+    turned, turns = _nodes(rectangle.turns), rectangle.turns - 1
+    half = np.linalg.solve(chebyshev.chebvander(u, _ORDER - 1), logs[0])
+    series = np.linalg.solve(chebyshev.chebvander(turned, turns), half.T)
+    across = chebyshev.chebvander(_fresh(rectangle.turns), turns) @ series
+    fitted = across @ chebyshev.chebvander(u_fresh, _ORDER - 1).T
+    missed = float(np.abs(fitted - logs[1].T).max())
+    lebesgue = _lebesgue(_ORDER) * _lebesgue(rectangle.turns)
+    return _Fit(series, _TRUST * missed + lebesgue * noise, missed, noise)
+
+
+def _finer(tree: _Tree, rectangle: _Rectangle, fit: _Fit, rtol: float) -> list[_Rectangle]:
+    """What a rectangle is replaced by: more nodes along w, or two halves."""
+    modulus, turns = np.abs(fit.series), rectangle.turns
+    along, across = modulus[:, -3:].sum(), modulus[-2:].sum()
+    wanted = _wanted(modulus.sum(1), rtol) if turns > 1 else 1
+    if turns == 1 or along >= across or (along > rtol / _TRUST and wanted <= _TURNS[-1]):
+        low, high = rectangle.y
+        middle = 0.5 * (low + high)
+        below, above = tree.cut(rectangle.node, 0, middle)
+        count = _rung(wanted) if wanted <= _TURNS[-1] else turns
+        return [
+            replace(rectangle, node=below, y=(low, middle), turns=count),
+            replace(rectangle, node=above, y=(middle, high), turns=count),
+        ]
+    if wanted <= _TURNS[-1]:
+        return [replace(rectangle, turns=_rung(max(wanted, turns + 2)))]
+    low, high = rectangle.w
+    middle = 0.5 * (low + high)
+    before, after = tree.cut(rectangle.node, 1, _plain(middle, rectangle.warp))
+    fewer = min(turns, _rung(_GLANCE // 2))
+    return [
+        replace(rectangle, node=before, w=(low, middle), turns=fewer),
+        replace(rectangle, node=after, w=(middle, high), turns=fewer),
+    ]
+
+
+def _wanted(modulus: np.ndarray, rtol: float) -> float:
+    """How many terms along w a tolerance takes, from those that there are, as they fall."""
+    least, last, half = _AMPLE * rtol, modulus[-2:].sum(), modulus.size // 2
+    enough = _terms(modulus, least) + 2
+    if enough <= modulus.size:
+        return enough
+    fall = math.log(max(modulus[half - 1 :].max() / last, 1.0)) / half
+    return float(modulus.size + math.log(max(last / least, 1.0)) / max(fall, 1e-3))
+
+
+def _plain(w: float, warp: float) -> float:
+    """The w of k = 1 at the same azimuth."""
+    return warped(w, 1.0 / warp) if warp > 0.0 else w
 
 
 def _symmetric(model: Model, rtol: float) -> bool:
@@ -266,12 +461,17 @@ class Maps:
             for table, node, leaf in zip(tables, nodes[:-1], leaves[:-1], strict=True)
         ]
         quarter = np.array([table.quarter for table in tables])
-        axis, split, box, series, error = (
+        axis, split, box, warp, error = (
             np.concatenate([getattr(table, k) for table in tables])
-            for k in ("axis", "split", "box", "series", "error")
+            for k in ("axis", "split", "box", "warp", "error")
         )
+        turns = max(table.series.shape[1] for table in tables)
+        series = np.zeros((error.size, turns, _ORDER))
+        for table, leaf in zip(tables, leaves[:-1], strict=True):
+            series[leaf : leaf + table.error.size, : table.series.shape[1]] = table.series
         size = _sizes(series, error)
-        return nodes[:-1], quarter, axis, split, np.concatenate(child), box, size, series
+        trees = axis, split, np.concatenate(child)
+        return nodes[:-1], quarter, *trees, box, warp, size, series
 
     @cached_property
     def errors(self) -> tuple[float, ...]:
@@ -283,6 +483,11 @@ class Maps:
         if self.tables:
             _divide(wi, wo, *self.known, self.code, out)
 
+    def weigh(self, wi: np.ndarray, wo: np.ndarray, out: np.ndarray) -> None:
+        """Multiply values by what the divisor may err by, relatively, in place."""
+        error = (1.0 + _SHARE) * np.concatenate([table.error for table in self.tables])
+        _weigh(wi, wo, *self.known, np.minimum(error, HOPELESS / len(self.tables)), out)
+
     def between(self, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
         """The divisor for pairs of unit vectors (n, 3)."""
         out = np.ones((len(wi), 1))
@@ -293,7 +498,7 @@ class Maps:
 
 
 def _sizes(series: np.ndarray, error: np.ndarray) -> np.ndarray:
-    """How many terms of series are needed, along y and along the azimuth: (m, 2)."""
+    """How many terms of series are needed, along w and along y: (m, 2)."""
     modulus = np.abs(series)
     found = np.empty((len(series), 2), int)
     for side in (0, 1):
@@ -304,57 +509,83 @@ def _sizes(series: np.ndarray, error: np.ndarray) -> np.ndarray:
 
 
 @kernel
-def albedos_at(x, y, z, roots, quarter, axis, split, child, box, size, series, out):
-    """Fill the logarithms of the albedos of all steps for one direction."""
+def warped(w, warp):
+    """-cos(2 psi) from w = -cos(2 phi), where tan(phi) = sqrt(warp) tan(psi)."""
+    above, below = 1.0 + w, warp * (1.0 - w)
+    return (above - below) / (above + below)
+
+
+@kernel
+def _across(x, y, quarter):
+    """The coordinate w of a direction, with k = 1."""
+    if not quarter:
+        turn = math.atan2(y, x)
+        return turn if turn >= 0.0 else turn + 2.0 * math.pi
+    square = x * x + y * y
+    return (y * y - x * x) / square if square > 0.0 else -1.0
+
+
+@kernel
+def _leaf(height, place, root, axis, split, child):
+    """The number of the rectangle that holds a place."""
+    node = root
+    while axis[node] >= 0:
+        along = height if axis[node] == 0 else place
+        node = child[node, 0] if along < split[node] else child[node, 1]
+    return child[node, 0]
+
+
+@kernel
+def albedos_at(x, y, z, roots, quarter, axis, split, child, box, warp, size, series, room, out):
+    """Fill the logarithms of the albedos of all steps for one direction.
+
+    `room` holds as many numbers as a series has along y.
+    """
     height = fold_vector(x, y, z)
-    fourth, turn = 0.0, 0.0
-    if series.shape[2] > 1:
-        fourth = math.atan2(abs(y), abs(x))
     for j in range(roots.size):
-        place = fourth
-        if not quarter[j]:
-            turn = math.atan2(y, x)
-            place = turn if turn >= 0.0 else turn + 2.0 * math.pi
-        node = roots[j]
-        while axis[node] >= 0:
-            along = height if axis[node] == 0 else place
-            node = child[node, 0] if along < split[node] else child[node, 1]
-        k = child[node, 0]
+        place = _across(x, y, quarter[j])
+        k = _leaf(height, place, roots[j], axis, split, child)
+        if warp[k] > 0.0:
+            place = warped(place, warp[k])
         a, b, c, d = box[k, 0], box[k, 1], box[k, 2], box[k, 3]
         inside, within = min(max(height, a), b), min(max(place, c), d)
         u = 2.0 * ((inside - a) - (b - inside)) / (b - a)
         v = 2.0 * ((within - c) - (d - within)) / (d - c)
-        # Two sums of Clenshaw's, u and v being twice the variables.
-        total = before = own = 0.0
-        for m in range(size[k, 0] - 1, -1, -1):
-            inner = last = 0.0
-            for n in range(size[k, 1] - 1, 0, -1):
-                inner, last = v * inner + (series[k, m, n] - last), inner
-            own = 0.5 * v * inner - last + series[k, m, 0]
-            if m > 0:
-                total, before = u * total + (own - before), total
-        out[j] = 0.5 * u * total - before + own
+        # Term by term along w, all those along y at once; u and v are twice the variables.
+        for m in range(_ORDER):
+            room[m] = series[k, 0, m]
+        before, present = 1.0, 0.5 * v
+        for n in range(1, size[k, 0]):
+            for m in range(_ORDER):
+                room[m] += present * series[k, n, m]
+            before, present = present, v * present - before
+        total = last = 0.0
+        for m in range(size[k, 1] - 1, 0, -1):
+            total, last = u * total + (room[m] - last), total
+        out[j] = 0.5 * u * total - last + room[0]
 
 
 @kernel
-def _albedos_all(wi, roots, quarter, axis, split, child, box, size, series, out):
-    known = roots, quarter, axis, split, child, box, size, series
+def _albedos_all(wi, roots, quarter, axis, split, child, box, warp, size, series, out):
+    known = roots, quarter, axis, split, child, box, warp, size, series
+    room = np.empty(series.shape[2])
     for i in range(out.shape[0]):
-        albedos_at(wi[i, 0], wi[i, 1], wi[i, 2], *known, out[i])
+        albedos_at(wi[i, 0], wi[i, 1], wi[i, 2], *known, room, out[i])
 
 
 @kernel
-def _divide(wi, wo, roots, quarter, axis, split, child, box, size, series, control, out):
+def _divide(wi, wo, roots, quarter, axis, split, child, box, warp, size, series, control, out):
     at_l, at_v = np.empty(roots.size), np.empty(roots.size)
-    known = roots, quarter, axis, split, child, box, size, series
+    known = roots, quarter, axis, split, child, box, warp, size, series
+    room = np.empty(series.shape[2])
     for k in range(out.shape[0]):
         lz = max(wi[2, k], LOWEST)
-        albedos_at(wi[0, k], wi[1, k], wi[2, k], *known, at_l)
+        albedos_at(wi[0, k], wi[1, k], wi[2, k], *known, room, at_l)
         for i in range(out.shape[1]):
             vz = wo[2, k, i]
             if not vz > 0.0:
                 continue
-            albedos_at(wo[0, k, i], wo[1, k, i], vz, *known, at_v)
+            albedos_at(wo[0, k, i], wo[1, k, i], vz, *known, room, at_v)
             product = 0.0
             for j in range(roots.size):
                 step = max(at_v[j], at_l[j])
@@ -364,6 +595,38 @@ def _divide(wi, wo, roots, quarter, axis, split, child, box, size, series, contr
             if control == 2:
                 product = max(product, math.log(max(vz, lz)))
             out[k, i] *= math.exp(-product)
+
+
+@kernel
+def _weigh(wi, wo, roots, quarter, axis, split, child, box, warp, size, series, error, out):
+    """Multiply values by what the divisor may err by: of each step, the side that is larger."""
+    steps = roots.size
+    at_l, at_v, of_l = np.empty(steps), np.empty(steps), np.empty(steps)
+    known = roots, quarter, axis, split, child, box, warp, size, series
+    room = np.empty(series.shape[2])
+    for k in range(out.shape[0]):
+        x, y, z = wi[0, k], wi[1, k], wi[2, k]
+        albedos_at(x, y, z, *known, room, at_l)
+        height = fold_vector(x, y, z)
+        for j in range(steps):
+            of_l[j] = error[_leaf(height, _across(x, y, quarter[j]), roots[j], axis, split, child)]
+        for i in range(out.shape[1]):
+            x, y, z = wo[0, k, i], wo[1, k, i], wo[2, k, i]
+            if not z > 0.0:
+                continue
+            albedos_at(x, y, z, *known, room, at_v)
+            height, total = fold_vector(x, y, z), 0.0
+            for j in range(steps):
+                place = _across(x, y, quarter[j])
+                of_v = error[_leaf(height, place, roots[j], axis, split, child)]
+                apart, near = at_v[j] - at_l[j], of_v + of_l[j]
+                if apart > near:
+                    total += of_v
+                elif apart < -near:
+                    total += of_l[j]
+                else:
+                    total += max(of_v, of_l[j])
+            out[k, i] *= math.expm1(total)
 
 
 @kernel

@@ -7,6 +7,7 @@ with a bound, its samples and tables are had as for any other.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
@@ -24,9 +25,11 @@ from albedo.operators.ladder import Ladder, ladder, rings_of
 from albedo.operators.stages import Stages, stages
 
 _MOST_STEPS = 100
-# What the albedos that are divided by are worth: twenty curves leave 1e-8. Tables of albedos that
-# are integrals of their own, and over azimuths too, take far longer.
-_OF_CURVES, _OF_TABLES, _OF_TURNED_TABLES = 2e-10, 1e-5, 1e-4
+# What the albedos that are divided by are worth: twenty curves leave 1e-8.
+_OF_CURVES = 2e-10
+# What albedos are worth that are divided by tables, in what the last table was asked for: one that
+# bends may be worth less.
+_FOLD, _FOLD_LATER = 5.0, 20.0
 
 
 class _Dividing(Protocol):
@@ -134,18 +137,20 @@ class Pumped(Model):
     @property
     def usual_rtol(self) -> float:
         """The relative error that its albedos reach by default."""
-        return 1e-8 if self._in_rings else 10.0 * self._of_tables
+        if self._in_rings or self.steps == 0:
+            return 1e-8
+        fold = _FOLD if self.steps == 1 else _FOLD_LATER
+        return max(fold * self._of_tables.worth(self.steps - 1), 1e-8)
 
     @property
-    def _of_tables(self) -> float:
-        usual = _OF_TABLES if self.base.isotropic else _OF_TURNED_TABLES
-        return usual if self.rtol is None else self.rtol
+    def _of_tables(self) -> Stages:
+        return stages(self.base, self.control, self.rtol, _of_stage)
 
     @property
     def _steps(self) -> Ladder | Stages:
         """The albedos before every step, computed once for all models that read them."""
         if not self._in_rings:
-            return stages(self.base, self.control, self._of_tables, _of_stage)
+            return self._of_tables
         found = ladder(self.base, self.control, _OF_CURVES if self.rtol is None else self.rtol)
         while len(found.curves) < self.steps:
             found.step()
@@ -225,6 +230,7 @@ class Pumped(Model):
                     loss=None,
                     loss_chart=None,
                     doubt=doubt,
+                    average_doubt=self._average(steps, part, doubt),
                     routine=routines_of(part),
                 )
             )
@@ -233,6 +239,22 @@ class Pumped(Model):
     def _error(self, steps: Ladder | Stages) -> float:
         """What the divisor may err by."""
         return steps.doubt(self.steps)
+
+    def _average(
+        self, steps: Ladder | Stages, part: Part, doubt: Callable[[np.ndarray | None], Any]
+    ) -> Callable[[np.ndarray, np.ndarray], np.ndarray] | None:
+        """See `albedo.brdf.Part`: where errors are known cell by cell, few of them matter."""
+        if not isinstance(steps, Stages) or not steps.trusted(self.steps):
+            return None
+        if self._error(steps) == 0.0:
+            return None
+
+        def average(cosines: np.ndarray, phi: np.ndarray) -> np.ndarray:
+            error, value = steps.average(part, self.steps, cosines, phi)
+            found: np.ndarray = doubt(cosines) - self._error(steps) + error / value
+            return found
+
+        return average
 
     def spikes(self, wi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         directions, weights = self.base.spikes(wi)
@@ -265,7 +287,7 @@ class _Stage(Pumped):
         return hash(("stage", self._key))
 
 
-def _of_stage(base: Model, steps: int, control: str | None, rtol: float) -> Model:
+def _of_stage(base: Model, steps: int, control: str | None, rtol: float | None) -> Model:
     return _Stage(base, steps, control, rtol) if steps else base
 
 
@@ -294,9 +316,9 @@ def pump(
         larger (eq. 21); or the first, but the product of all divisors is at least
         max(n.l, n.v).
     rtol : float, optional
-        What the albedos that are divided by are to be worth: 2e-10 by default; 1e-4 where they
-        depend on the azimuth, and 1e-5 where a part of an isotropic model has no rings. The error
-        that they leave in the result is part of its bound.
+        What the albedos that are divided by are to be worth: 2e-10 by default; where they depend
+        on the azimuth, or a part of an isotropic model has no rings, 2e-9 for the first and 5e-6
+        for later ones. The error that they leave in the result is part of its bound.
 
     Returns
     -------

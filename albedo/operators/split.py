@@ -2,7 +2,9 @@
 
 A kink of the divisor is a curve on the hemisphere that no chart knows. On every line of constant u
 of a panel it is a place in v: the lines are cut there, and a panel is cut in u wherever the number
-of places on its lines changes. What is left has the kinks along its edges, and is smooth.
+of places on its lines changes. What is left has the kinks along its edges, and is smooth. Between
+two cuts a place is a smooth function of u, and kept as a Chebyshev series: where that is a little
+wrong, panels still cover the same, and the kink lies a little beside their edge.
 """
 
 from __future__ import annotations
@@ -23,15 +25,19 @@ _lay_out = indirect(NODES_TYPES)
 
 # Lines are looked at in so many places, the first and the last of them so near to the ends.
 _LOOKS, _NEAR = 15, 1e-4
-# Lines of a panel, and bisections between two that differ.
-_LINES, _BISECTIONS = 13, 40
+# Lines of a panel, bisections between two that differ, and most panels that one is cut into.
+_LINES, _BISECTIONS, _PIECES = 13, 26, 60
+# Lines that a series is made of. It may be wrong by so much: that of a kink beside the edge is the
+# square. A panel is cut for it until it is so short.
+_TERMS, _BESIDE, _SHORTEST, _DEPTH = 16, 1e-5, 1e-3, 16
+_NODES = np.polynomial.chebyshev.chebpts1(_TERMS)
+_TO_SERIES = np.linalg.inv(np.polynomial.chebyshev.chebvander(_NODES, _TERMS - 1))
 # More kinks than this on one line are left to the integrator.
 _MOST = 12
-# They are found as precisely as float64 lets signs be told.
-_ROOT_STEPS, _CLOSE = 60, 1e-14
+_ROOT_STEPS, _CLOSE = 60, 1e-10
 _CLOSER = 8
-# A kink that changes less than this, relatively, is none.
-_WEAK = 1e-7
+# A kink that changes less than this, relatively, is none; nor is one in what tables err by.
+_WEAK, _NOISE = 1e-7, 0.25
 
 
 @dataclass(frozen=True)
@@ -60,23 +66,27 @@ class SplitChart:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Panels of every row; see `albedo.charts.polar.PolarChart.panels`.
 
-        Codes have three more columns: the part of the lines, their number, and at which ends in u
-        nodes are clustered. Boxes have four more, the ends of what was cut; the first four are
+        Codes have one more column: at which ends in u nodes are clustered. Boxes have more, the
+        ends of what was cut, and two series in u for the ends of its lines; the first four are
         shares of it.
         """
         chart: Any = self.chart
         geometry, row, code, box = chart.panels(cos_theta, phi, widths, isotropic, coarse, fine)
         room = 8 * row.size + 64
         while True:
-            new = np.empty(room, int), np.empty((room, code.shape[1] + 3), int)
-            boxes = np.empty((room, box.shape[1] + 4))
+            new = np.empty(room, int), np.empty((room, code.shape[1] + 1), int)
+            boxes = np.empty((room, box.shape[1] + 4 + 2 * _TERMS))
             count = _split(
                 *(self._base, geometry, row, code, box, coarse, *self.maps.known),
-                *(self.maps.code, self.maps.changes, *new, boxes),
+                *(self.maps.code, self.maps.changes, self._weak, *new, boxes),
             )
             if count >= 0:
                 return geometry, new[0][:count], new[1][:count], boxes[:count]
             room *= 2
+
+    @property
+    def _weak(self) -> float:
+        return max(_WEAK, _NOISE * max(self.maps.errors, default=0.0))
 
     @property
     def _base(self) -> tuple[int, np.ndarray]:
@@ -95,10 +105,7 @@ class SplitChart:
         m, count = box.shape[0], u.size * v.size
         wo, h = np.empty((3, m, count)), np.empty((3, m, count))
         found = np.empty((3, m)), wo, h, np.empty((m, count))
-        _nodes(
-            *(self._base, geometry, code, box, u, v, *self.maps.known),
-            *(self.maps.code, self.maps.changes, *found),
-        )
+        _nodes(self._base, geometry, code, box, u, v, *found)
         return found
 
 
@@ -109,20 +116,20 @@ def _line(base, g, code, box, u, v, wi, wo, h, weight):
 
 
 @kernel
-def _signs(wi, wo, i, at_v, at_l, known, control, out):
+def _signs(wi, wo, i, at_v, at_l, known, control, series, out):
     """The functions that change their signs, for V at a node of a line."""
     vz = max(wo[2, 0, i], LOWEST)
-    albedos_at(wo[0, 0, i], wo[1, 0, i], wo[2, 0, i], *known, at_v)
+    albedos_at(wo[0, 0, i], wo[1, 0, i], wo[2, 0, i], *known, series, at_v)
     changes_at(at_l, at_v, max(wi[2, 0], LOWEST), vz, control, out)
 
 
 @kernel
 def _at(base, g, code, box, u, t, known, control, at_l, room, out):
     """Fill the functions that change their signs at one place of a line."""
-    one, wi, wo, h, weight, at_v = room
+    one, wi, wo, h, weight, at_v, series = room
     one[0] = t
     _line(base, g, code, box, u, one, wi, wo, h, weight)
-    _signs(wi, wo, 0, at_v, at_l, known, control, out)
+    _signs(wi, wo, 0, at_v, at_l, known, control, series, out)
 
 
 @kernel
@@ -139,22 +146,24 @@ def _keep(places, count, x):
 
 
 @kernel
-def _places(base, g, code, box, u, known, control, changes, at_l, places, ends):
+def _places(base, g, code, box, u, known, control, changes, at_l, weak, counting, places, ends):
     """Fill places in (0, 1) of a line where signs change, in order; return how many, and which.
 
-    `ends` are filled with the least that the functions are away from 0 at both ends.
+    `ends` are filled with the least that the functions are away from 0 at both ends. Places are
+    rough while they are only counted.
     """
     looks, wi = np.empty(_LOOKS), np.empty((3, 1))
     views, sums, weights = np.empty((3, 1, _LOOKS)), np.empty((3, 1, _LOOKS)), np.empty((1, _LOOKS))
     at_v, here, seen = np.empty(at_l.size), np.empty(changes), np.empty((changes, _LOOKS))
-    one = np.empty(1), wi, np.empty((3, 1, 1)), np.empty((3, 1, 1)), np.empty((1, 1)), at_v
+    series, h = np.empty(known[-1].shape[2]), np.empty((3, 1, 1))
+    one = np.empty(1), wi, np.empty((3, 1, 1)), h, np.empty((1, 1)), at_v, series
     for look in range(_LOOKS):
         # Closer at both ends, where places come and go.
         sine = math.sin(0.5 * math.pi * look / (_LOOKS - 1))
         looks[look] = min(max(sine * sine, _NEAR), 1.0 - _NEAR)
     _line(base, g, code, box, u, looks, wi, views, sums, weights)
     for look in range(_LOOKS):
-        _signs(wi, views, look, at_v, at_l, known, control, here)
+        _signs(wi, views, look, at_v, at_l, known, control, series, here)
         for j in range(changes):
             seen[j, look] = here[j]
     count, pattern = 0, 0
@@ -165,11 +174,15 @@ def _places(base, g, code, box, u, known, control, changes, at_l, places, ends):
         before = -1
         for i in range(_LOOKS):
             # What is weaker changes nothing that matters, however often.
-            if abs(seen[j, i]) < _WEAK:
+            if abs(seen[j, i]) < weak:
                 continue
             if before >= 0 and (seen[j, before] > 0.0) != (seen[j, i] > 0.0):
                 a, b, fa, fb = looks[before], looks[i], seen[j, before], seen[j, i]
-                x = _root(a, b, fa, fb, j, base, g, code, box, u, known, control, at_l, one, here)
+                x = 0.5 * (a + b)
+                if not counting:
+                    x = _root(
+                        *(a, b, fa, fb, j, base, g, code, box, u, known, control, at_l, one, here)
+                    )
                 count = _keep(places, count, x)
                 pattern += mark
             before = i
@@ -192,13 +205,17 @@ def _places(base, g, code, box, u, known, control, changes, at_l, places, ends):
                     break
                 _at(base, g, code, box, u, x, known, control, at_l, one, here)
                 fx = here[j]
-                if (fx > 0.0) != (fb > 0.0) and abs(fx) >= _WEAK:
-                    first = _root(
-                        *(a, x, fa, fx, j, base, g, code, box, u, known, control, at_l, one, here)
-                    )
-                    second = _root(
-                        *(x, c, fx, fc, j, base, g, code, box, u, known, control, at_l, one, here)
-                    )
+                if (fx > 0.0) != (fb > 0.0) and abs(fx) >= weak:
+                    first, second = a, c
+                    if not counting:
+                        first = _root(
+                            *(a, x, fa, fx, j, base, g, code, box, u, known, control, at_l),
+                            *(one, here),
+                        )
+                        second = _root(
+                            *(x, c, fx, fc, j, base, g, code, box, u, known, control, at_l),
+                            *(one, here),
+                        )
                     count = _keep(places, _keep(places, count, first), second)
                     pattern += 2 * mark
                     break
@@ -257,130 +274,154 @@ def _base_of(code, box, k, code_1, box_1):
 @kernel
 def _split(base, geometry, row, code, box, coarse, *rest):
     """Fill row, code and box of what panels are cut into; return their number, or -1."""
-    known, (control, changes, new_row, new_code, new_box) = rest[:8], rest[8:]
-    steps = known[0].size
-    at_l, places, away = np.empty(steps), np.empty(_MOST), np.empty(2)
+    known, (control, changes, weak, new_row, new_code, new_box) = rest[:9], rest[9:]
+    at_l, series = np.empty(known[0].size), np.empty(known[-1].shape[2])
     one, wi = np.empty(1), np.empty((3, 1))
     wo, h, weight = np.empty((3, 1, 1)), np.empty((3, 1, 1)), np.empty((1, 1))
     cuts, kinds, patterns = np.empty(64), np.empty(64, np.int64), np.empty(65, np.int64)
+    lows, highs, flags = np.empty(_DEPTH), np.empty(_DEPTH), np.empty(_DEPTH, np.int64)
+    curves = np.empty((_MOST + 2, _TERMS))
     columns, width = code.shape[1], box.shape[1]
     count = 0
     for k in range(row.size):
         g, code_1, box_1 = geometry[row[k] : row[k] + 1], code[k : k + 1], box[k : k + 1]
         one[0] = 0.5
         _line(base, g, code_1, box_1, one, one, wi, wo, h, weight)
-        albedos_at(wi[0, 0], wi[1, 0], wi[2, 0], *known, at_l)
-        m = 0
-        if coarse or changes == 0:
-            cuts[0], cuts[1], kinds[0], patterns[0], m = 0.0, 1.0, 0, 0, 1
-        else:
-            low, before = 0.0, 0
-            for line in range(_LINES):
-                high = min(max(line / (_LINES - 1), _NEAR), 1.0 - _NEAR)
-                one[0] = high
-                inside, pattern = _places(
-                    base, g, code_1, box_1, one, known, control, changes, at_l, places, away
-                )
-                if line == 0:
-                    cuts[0], kinds[0], before, m = 0.0, inside, pattern, 1
-                    patterns[0] = pattern
-                elif pattern != before and m < 60:
-                    a, b = low, high
-                    for _ in range(_BISECTIONS):
-                        one[0] = 0.5 * (a + b)
-                        _, other = _places(
-                            *(base, g, code_1, box_1, one, known, control, changes, at_l),
-                            *(places, away),
-                        )
-                        if other == before:
-                            a = one[0]
-                        else:
-                            b = one[0]
-                    cuts[m], kinds[m], before = 0.5 * (a + b), inside, pattern
-                    patterns[m] = pattern
-                    m += 1
-                low = high
-            cuts[m] = 1.0
+        albedos_at(wi[0, 0], wi[1, 0], wi[2, 0], *known, series, at_l)
+        panel = base, g, code_1, box_1
+        divisor = known, control, changes, at_l, weak
+        cuts[0], cuts[1], kinds[0], patterns[0], m = 0.0, 1.0, 0, 0, 1
+        if changes > 0 and not coarse:
+            m = _cuts(panel, divisor, cuts, kinds, patterns)
         for j in range(m):
-            parts = kinds[j] + 1
-            # Two places that nearly meet do so like a root.
-            ends = 1 if j > 0 and _meets(patterns[j], patterns[j - 1]) else 0
-            ends += 2 if j + 1 < m and _meets(patterns[j], patterns[j + 1]) else 0
-            if count + parts > new_row.size:
-                return -1
-            for part in range(parts):
-                new_row[count] = row[k]
-                for i in range(columns):
-                    new_code[count, i] = code[k, i]
-                new_code[count, columns], new_code[count, columns + 1] = part, parts
-                new_code[count, columns + 2] = ends
-                for i in range(width):
-                    new_box[count, i] = box[k, i]
-                for i in range(4):
-                    new_box[count, i] = i % 2
-                    new_box[count, width + i] = box[k, i]
+            # Places come and go like roots, at the horizon and where two meet.
+            lows[0], highs[0], flags[0], top = cuts[j], cuts[j + 1], 0, 1
+            if j > 0:
+                flags[0] += 1
+            if j + 1 < m:
+                flags[0] += 2
+            while top > 0:
+                top -= 1
+                low, high, ends = lows[top], highs[top], flags[top]
+                smooth = _curves(panel, divisor, low, high, ends, kinds[j], curves)
+                if not smooth and top + 2 <= _DEPTH and high - low > _SHORTEST:
+                    middle = 0.5 * (low + high)
+                    lows[top], highs[top], flags[top] = low, middle, ends & 1
+                    lows[top + 1], highs[top + 1], flags[top + 1] = middle, high, ends & 2
+                    top += 2
+                    continue
+                if count + kinds[j] + 1 > new_row.size:
+                    return -1
                 size = box[k, 1] - box[k, 0]
-                new_box[count, width] = box[k, 0] + cuts[j] * size
-                new_box[count, width + 1] = box[k, 0] + cuts[j + 1] * size
-                count += 1
+                for part in range(kinds[j] + 1):
+                    new_row[count] = row[k]
+                    for i in range(columns):
+                        new_code[count, i] = code[k, i]
+                    new_code[count, columns] = ends
+                    for i in range(width):
+                        new_box[count, i] = box[k, i]
+                    for i in range(4):
+                        new_box[count, i] = i % 2
+                        new_box[count, width + i] = box[k, i]
+                    new_box[count, width] = box[k, 0] + low * size
+                    new_box[count, width + 1] = box[k, 0] + high * size
+                    for i in range(_TERMS):
+                        new_box[count, width + 4 + i] = curves[part, i]
+                        new_box[count, width + 4 + _TERMS + i] = curves[part + 1, i]
+                    count += 1
     return count
 
 
 @kernel
-def _meets(pattern, other):
-    """Whether two places of one function, or more, are there on one side only."""
-    found = False
-    while pattern > 0 or other > 0:
-        found = found or abs((pattern & 15) - (other & 15)) > 1
-        pattern >>= 4
-        other >>= 4
-    return found
+def _cuts(panel, divisor, cuts, kinds, patterns):
+    """Fill places in u where the number of places on lines changes, and what is between them."""
+    places, away, one = np.empty(_MOST + 1), np.empty(2), np.empty(1)
+    low, before, m = 0.0, 0, 0
+    for line in range(_LINES):
+        high = min(max(line / (_LINES - 1), _NEAR), 1.0 - _NEAR)
+        one[0] = high
+        inside, pattern = _places(*panel, one, *divisor, True, places, away)
+        if line == 0 or (pattern != before and m < _PIECES):
+            a, b = low, high if line > 0 else low
+            for _ in range(_BISECTIONS if line > 0 else 0):
+                one[0] = 0.5 * (a + b)
+                _, other = _places(*panel, one, *divisor, True, places, away)
+                if other == before:
+                    a = one[0]
+                else:
+                    b = one[0]
+            cuts[m], kinds[m], patterns[m], before = 0.5 * (a + b), inside, pattern, pattern
+            m += 1
+        low = high
+    cuts[m] = 1.0
+    return m
 
 
 @kernel
-def _nodes(base, geometry, code, box, u, v, *rest):
+def _curves(panel, divisor, low, high, ends, kind, curves):
+    """Fill series for the places on the lines between two cuts; whether they are good enough."""
+    for i in range(_TERMS):
+        for j in range(kind + 2):
+            curves[j, i] = 0.0
+    curves[kind + 1, 0] = 1.0
+    if kind == 0:
+        return True
+    places, away, one = np.empty(_MOST + 1), np.empty(2), np.empty(1)
+    for i in range(_TERMS):
+        t, _ = clustered(0.5 * (_NODES[i] + 1.0), ends)
+        one[0] = low + t * (high - low)
+        found, _ = _places(*panel, one, *divisor, False, places, away)
+        # A place that left at an end is taken for that end.
+        while found > kind:
+            if places[0] < 1.0 - places[found - 1]:
+                for j in range(found - 1):
+                    places[j] = places[j + 1]
+            found -= 1
+        while found < kind:
+            if away[0] < away[1]:
+                for j in range(found, 0, -1):
+                    places[j] = places[j - 1]
+                places[0] = 0.0
+            else:
+                places[found] = 1.0
+            found += 1
+        for j in range(kind):
+            for n in range(_TERMS):
+                curves[j + 1, n] += _TO_SERIES[n, i] * places[j]
+    smooth = True
+    for j in range(1, kind + 1):
+        tail = abs(curves[j, _TERMS - 1]) + abs(curves[j, _TERMS - 2])
+        smooth = smooth and tail <= _BESIDE
+    return smooth
+
+
+@kernel
+def _place(series, first, t):
+    """The value of a series at t in (0, 1), which begins in a row of numbers at `first`."""
+    twice = 4.0 * t - 2.0
+    total = last = 0.0
+    for i in range(_TERMS - 1, 0, -1):
+        total, last = twice * total + (series[first + i] - last), total
+    return 0.5 * twice * total - last + series[first]
+
+
+@kernel
+def _nodes(base, geometry, code, box, u, v, wi, wo, h, weight):
     """Nodes of parts of lines; one row per panel."""
-    known, (control, changes, wi, wo, h, weight) = rest[:8], rest[8:]
-    columns, width, q = code.shape[1] - 3, box.shape[1] - 4, v.size
+    columns, width, q = code.shape[1] - 1, box.shape[1] - 4 - 2 * _TERMS, v.size
     code_1, box_1 = np.empty((1, columns), np.int64), np.empty((1, width))
-    at_l, places, ends = np.empty(known[0].size), np.empty(_MOST + 1), np.empty(2)
     one, along = np.empty(1), np.empty(q)
     wi_1, wo_1, h_1 = np.empty((3, 1)), np.empty((3, 1, q)), np.empty((3, 1, q))
     weight_1 = np.empty((1, q))
     for k in range(box.shape[0]):
         g = geometry[k : k + 1]
         _base_of(code, box, k, code_1, box_1)
-        part, parts = code[k, columns], code[k, columns + 1]
         for iu in range(u.size):
-            one[0], turn = clustered(
-                box[k, 0] + (box[k, 1] - box[k, 0]) * u[iu], code[k, columns + 2]
-            )
+            t = box[k, 0] + (box[k, 1] - box[k, 0]) * u[iu]
+            one[0], turn = clustered(t, code[k, columns])
             turn *= box[k, 1] - box[k, 0]
-            if iu == 0 and parts > 1:
-                along[:] = 0.5
-                _line(base, g, code_1, box_1, one, along, wi_1, wo_1, h_1, weight_1)
-                albedos_at(wi_1[0, 0], wi_1[1, 0], wi_1[2, 0], *known, at_l)
-            start, end = 0.0, 1.0
-            if parts > 1:
-                found, _ = _places(
-                    *(base, g, code_1, box_1, one, known, control, changes, at_l, places, ends),
-                )
-                # A place that left at an end is taken for that end.
-                while found > parts - 1:
-                    if places[0] < 1.0 - places[found - 1]:
-                        for i in range(found - 1):
-                            places[i] = places[i + 1]
-                    found -= 1
-                while found < parts - 1:
-                    if ends[0] < ends[1]:
-                        for i in range(found, 0, -1):
-                            places[i] = places[i - 1]
-                        places[0] = 0.0
-                    else:
-                        places[found] = 1.0
-                    found += 1
-                start = places[part - 1] if part > 0 else 0.0
-                end = places[part] if part < parts - 1 else 1.0
+            start = min(max(_place(box[k], width + 4, t), 0.0), 1.0)
+            end = min(max(_place(box[k], width + 4 + _TERMS, t), start), 1.0)
             first, share = box[k, 2], box[k, 3] - box[k, 2]
             for iv in range(q):
                 along[iv] = start + (end - start) * (first + share * v[iv])

@@ -1,26 +1,42 @@
 """The albedos of a model that is pumped up where they depend on more than the height.
 
 Each step is a table of the albedo of the model so far, over heights and azimuths. Where the
-logarithm that step j reads errs by E_j, that of the product of k divisors errs by their sum, and
-that of the albedo that follows by no more: so E_k is what the table of a_k itself may err by, the
-divisor taken as exact, and the sum of all before.
+logarithms that the steps before read err by E_j(L) and E_j(V), that of the albedo that follows errs
+by the average of the sum over j of E_j on the side with the larger albedo, over the light that is
+sent on from L. The errors of a table are known rectangle by rectangle, so that this is one more
+integral. So the table of a_k errs by what its own fit may err by, the divisor taken as exact, and
+by the largest of these averages over each rectangle.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
 
+import numpy as np
+
 from albedo.brdf import Model, Part
 from albedo.charts._compiled import CompiledChart
-from albedo.operators.maps import LogMap, Maps, log_map
+from albedo.directions import spherical
+from albedo.integrators.adaptive import integrate
+from albedo.operators.maps import HOPELESS, STARTS, LogMap, Maps, log_map
 from albedo.operators.split import SplitChart
 
-# A logarithm that errs by more tells nothing, and its exponential is no number.
-_HOPELESS = 700.0
+# A table that errs by more somewhere is of a function that jumps: what it promises elsewhere is
+# not to be trusted.
+_JUMPS = 0.1
+# What tables are to be worth: the first albedo is smooth, later ones bend along curves.
+_FIRST, _LATER = 2e-9, 5e-6
+# Most albedos that are computed for one.
+_MOST_FIRST, _MOST_LATER = 10_000, 7_000
+# Where later ones bend most, measured.
+_FINER = tuple(sorted({*STARTS, -3.25, -1.4}))
+# Averages of errors need few digits; they are looked at in so many places along both sides of a
+# rectangle, and what is between them is not twice as much.
+_ROUGH, _LIMIT, _LOOKS, _BETWEEN = 0.1, 40_000, 3, 2.0
 
 
 @dataclass(eq=False)
@@ -33,8 +49,9 @@ class Stages:
         Reciprocal.
     control : {None, "literal", "cumulative"}
         See `albedo.operators.divisor.CONTROLS`.
-    rtol : float
-        What the tables are to be worth, relatively.
+    rtol : float, optional
+        What the tables are to be worth, relatively: as well as they can be had in some seconds,
+        and later ones in a minute or two, unless given.
     stage : callable
         ``stage(model, steps, control, rtol)`` gives the model after some steps whose divisor is
         taken as exact.
@@ -42,17 +59,73 @@ class Stages:
 
     model: Model
     control: str | None
-    rtol: float
-    stage: Callable[[Model, int, str | None, float], Model]
+    rtol: float | None
+    stage: Callable[[Model, int, str | None, float | None], Model]
     tables: list[LogMap] = field(default_factory=list)
     _maps: dict[int, Maps] = field(default_factory=dict)
 
     def albedos(self, steps: int) -> list[LogMap]:
         """What the first steps divide by."""
         while len(self.tables) < steps:
-            present = self.stage(self.model, len(self.tables), self.control, self.rtol)
-            self.tables.append(log_map(present, self.rtol))
+            k = len(self.tables)
+            present = self.stage(self.model, k, self.control, self.rtol)
+            if k == 0:
+                table = log_map(present, self.worth(k), _MOST_FIRST)
+            else:
+                table = log_map(present, self.worth(k), _MOST_LATER, _FINER)
+                table = replace(table, error=table.error + self._inherited(table))
+            self.tables.append(table)
         return self.tables[:steps]
+
+    def worth(self, step: int) -> float:
+        """What the table that a step reads is to be worth."""
+        if self.rtol is not None:
+            return self.rtol
+        return _LATER if step > 0 else _FIRST
+
+    def _inherited(self, table: LogMap) -> np.ndarray:
+        """What all tables so far make an albedo err by, on every rectangle of its table."""
+        c, phi = table.places(_LOOKS)
+        steps = len(self.tables)
+        error, value = np.zeros(c.size), np.zeros(c.size)
+        for part in self.model.parts():
+            own, sent = self.average(part, steps, c.ravel(), phi.ravel())
+            error, value = error + own, value + sent
+        _, weights = self.model.spikes(spherical(c.ravel(), phi.ravel()))
+        if len(weights) or not self.trusted(steps):
+            return np.full(len(c), self.doubt(steps))
+        found: np.ndarray = _BETWEEN * (error / value).reshape(c.shape).max(1)
+        return found
+
+    def average(
+        self, part: Part, steps: int, c: np.ndarray, phi: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds on what tables make the albedo of a part err by, and on that albedo from below."""
+        maps, p = self.divisor(steps), part.packed(np.array([self.model.pack()], dtype=np.float64))
+
+        def sent(row: np.ndarray, wi: np.ndarray, wo: np.ndarray, h: np.ndarray) -> np.ndarray:
+            out = np.empty(wo.shape[1:])
+            part.fill(wi, wo, h, np.repeat(p, row.size, axis=0), out)
+            maps.divide(wi, wo, out)
+            return out * part.scale
+
+        def doubted(row: np.ndarray, wi: np.ndarray, wo: np.ndarray, h: np.ndarray) -> np.ndarray:
+            out = sent(row, wi, wo, h)
+            maps.weigh(wi, wo, out)
+            return out
+
+        widths = np.tile(part.widths, (c.size, 1))
+        error, value = (
+            integrate(
+                *(part.chart, integrand, c, phi, widths, self.model.isotropic),
+                rtol=_ROUGH,
+                atol=0.0,
+                limit=_LIMIT,
+                probe=False,
+            )
+            for integrand in (doubted, sent)
+        )
+        return error.value + error.error, np.maximum(value.value - value.error, 0.0)
 
     def divisor(self, steps: int) -> Maps:
         """The divisor of the first steps; always the same object."""
@@ -68,21 +141,23 @@ class Stages:
             return chart
         return SplitChart(chart, self.divisor(steps))
 
+    def trusted(self, steps: int) -> bool:
+        """Whether the errors of all rectangles mean something, beside the largest of them."""
+        return self.doubt(steps) <= _JUMPS
+
     def doubt(self, steps: int) -> float:
         """Bound on the relative error of the divisor of so many steps, whatever L and V are."""
-        total = 0.0
-        for own in self.divisor(steps).errors:
-            total += own + total
         # Tables are logarithms, whose errors add up.
-        return math.expm1(total) if total < _HOPELESS else math.inf
+        total = sum(self.divisor(steps).errors)
+        return math.expm1(total) if total < HOPELESS else math.inf
 
 
 @lru_cache(maxsize=32)
 def stages(
     model: Model,
     control: str | None,
-    rtol: float,
-    stage: Callable[[Model, int, str | None, float], Model],
+    rtol: float | None,
+    stage: Callable[[Model, int, str | None, float | None], Model],
 ) -> Stages:
     """The stages of a model, shared by all that read them."""
     return Stages(model, control, rtol, stage)
