@@ -21,7 +21,7 @@ from functools import cache, cached_property
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from albedo._compile import kernel
+from albedo._compile import inlined, kernel
 from albedo.brdf import Model
 from albedo.charts.heights import FIRST, LAST, LOWEST, fold_vector, folded, unfolded
 from albedo.errors import InputError
@@ -508,14 +508,14 @@ def _sizes(series: np.ndarray, error: np.ndarray) -> np.ndarray:
     return found
 
 
-@kernel
+@inlined
 def warped(w, warp):
     """-cos(2 psi) from w = -cos(2 phi), where tan(phi) = sqrt(warp) tan(psi)."""
     above, below = 1.0 + w, warp * (1.0 - w)
     return (above - below) / (above + below)
 
 
-@kernel
+@inlined
 def _across(x, y, quarter):
     """The coordinate w of a direction, with k = 1."""
     if not quarter:
@@ -525,7 +525,7 @@ def _across(x, y, quarter):
     return (y * y - x * x) / square if square > 0.0 else -1.0
 
 
-@kernel
+@inlined
 def _leaf(height, place, root, axis, split, child):
     """The number of the rectangle that holds a place."""
     node = root
@@ -535,7 +535,7 @@ def _leaf(height, place, root, axis, split, child):
     return child[node, 0]
 
 
-@kernel
+@inlined
 def albedos_at(x, y, z, roots, quarter, axis, split, child, box, warp, size, series, room, out):
     """Fill the logarithms of the albedos of all steps for one direction.
 
