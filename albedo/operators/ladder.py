@@ -33,8 +33,8 @@ from albedo.charts.rings import MIRROR, RingsChart
 from albedo.charts.tail_rings import TailRingsChart
 from albedo.errors import InputError
 from albedo.integrators.cells import rules_by_order
-from albedo.operators.divisor import CONTROLS, FLAT, TERMS, Divisor, LogCurve, straight
-from albedo.operators.profiles import Profiles, Slices
+from albedo.operators.divisor import CONTROLS, FLAT, TERMS, Divisor, LogCurve, spread, straight
+from albedo.operators.profiles import Profiles
 
 _EPS = np.finfo(np.float64).eps
 _ROUNDINGS = 40.0
@@ -410,42 +410,36 @@ class Ladder:
         c = self._cos[rows]
         y_l, total = folded(c), np.zeros(rows.size)
         log_light = np.log(np.maximum(c, LOWEST))
-        _, weights, _ = rules_by_order()
-        nodes = np.arange(weights.shape[1])
-        sent, rows_of = [], []
-        for profiles in parts:
-            s = profiles.slices
-            row = np.repeat(profiles.row[s.panel], s.order)
-            product = s.log_product
-            if self.control == "cumulative":
-                product = np.maximum(product, np.maximum(s.log_height, log_light[row]))
-            own = s.density * np.exp(-product) * weights[s.order][nodes < s.order[:, None]]
-            sent.append(own)
-            rows_of.append(row)
-            total += np.bincount(row, own, rows.size)
+        sent = [self._sent(profiles, log_light) for profiles in parts]
+        for row, _, share, _, _ in sent:
+            total += np.bincount(row, share, rows.size)
         mirror = self._mirror()[0][rows]
         total += mirror
         for earlier, transfer in zip(self.curves, self._transfer, strict=True):
-            matrix = np.zeros((rows.size, earlier.error.size))
             own_piece, at_l = earlier.piece(y_l), earlier.at(y_l)
-            for profiles, row, share in zip(parts, rows_of, sent, strict=True):
-                s = profiles.slices
-                at_v = earlier.at(s.y)
-                chosen = np.where(at_l[row] >= at_v, own_piece[row], earlier.piece(s.y))
-                free = self._free(s, log_light[row], np.maximum(at_v, at_l[row]))
-                np.add.at(matrix, (row[free], chosen[free]), share[free])
+            matrix = np.zeros((rows.size, earlier.error.size))
+            for row, y, share, free, lowest in sent:
+                spread(row, y, share * free, lowest, own_piece, at_l, earlier.pieces, matrix)
             # A mirror's light has one height.
             matrix[np.arange(rows.size), own_piece] += mirror
             found[:, : transfer.shape[1]] -= matrix / total[:, None] @ transfer
         return found
 
-    def _free(self, s: Slices, log_light: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """Whether what is divided by at nodes is made of albedos, not of heights."""
-        lowest = np.maximum(s.log_height, log_light)
-        if self.control is None:
-            return np.ones(step.shape, dtype=bool)
-        free: np.ndarray = (step if self.control == "literal" else s.log_product) >= lowest
-        return free
+    def _sent(self, profiles: Profiles, log_light: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Of all nodes: row, coordinate, the light sent on, whether the product of albedos is what
+        it is divided by, and the logarithm below which one step does not divide."""
+        s = profiles.slices
+        row = np.repeat(profiles.row[s.panel], s.order)
+        lowest, product = np.maximum(s.log_height, log_light[row]), s.log_product
+        free, least = np.ones(row.size, dtype=bool), np.full(row.size, -np.inf)
+        if self.control == "cumulative":
+            free, product = product >= lowest, np.maximum(product, lowest)
+        elif self.control == "literal":
+            least = lowest
+        _, weights, _ = rules_by_order()
+        inside = np.arange(weights.shape[1]) < s.order[:, None]
+        share = s.density * np.exp(-product) * weights[s.order][inside]
+        return row, s.y, share, free, least
 
     def doubt(self, steps: int) -> float:
         """Bound on the relative error of the divisor of so many steps, whatever L and V are."""
