@@ -49,7 +49,7 @@ _LEBESGUE = 2.8
 _MOST_PIECES = 400
 _SHORTEST = 1e-5
 # Integrals around rings are had to this share of the tolerance.
-_INNER = 0.01
+_INNER = 0.06
 # What they leave unknown of a row is tolerated up to a share of it; then they are had to a part of
 # what would be enough, so that it lasts. The finest is what float64 gives.
 _COARSE, _AHEAD, _FINEST = 0.15, 0.01, 2e-13
