@@ -107,8 +107,21 @@ def test_rows_are_chosen_extended_and_replaced() -> None:
     mixed = other.replaced(rows, profiles.rows(rows))
     value, _ = total(mixed)
     np.testing.assert_allclose(value[rows], known[rows], rtol=1e-15)
-    assert np.all(mixed.inner[rows] == 1e-11)
-    assert np.all(mixed.inner[[1, 3, 4]] == 1e-9)
+    np.testing.assert_allclose(value[[1, 3, 4]], total(other)[0][[1, 3, 4]], rtol=1e-15)
+
+
+def test_what_is_next_to_nothing_can_be_had_as_precisely() -> None:
+    """Each panel to a share of itself, not of its row, for divisors that lift it."""
+    model = albedo.model("blinn", n=20)
+    (part,) = model.parts()
+    for lift in (1.0, 1e6):
+        profiles = Profiles.of(model, part, rings_of(part), COSINES, 1e-11, lift)
+        profiles.sums(0, np.log(COSINES))
+        own = profiles.series[:, 0]
+        row = np.bincount(profiles.row, own)[profiles.row]
+        seen = own > 1e-6 * row
+        worst = float((profiles.blur[seen] / own[seen]).max())
+        assert (worst <= 1e-11) == (lift > 1.0)
 
 
 def test_stores_grow() -> None:

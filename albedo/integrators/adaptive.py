@@ -93,6 +93,7 @@ def refine(
     limit: int,
     fine: bool = False,
     judge_series: Callable[[Cells], None] | None = None,
+    lift: float = 1.0,
 ) -> Refined:
     """Cut and raise cells until their bounds sum to a quarter of what is tolerated, or less.
 
@@ -102,6 +103,8 @@ def refine(
         As in `integrate`.
     judge_series : callable, optional
         Replaces the errors along v of new cells, of which it has the Legendre series along v too.
+    lift : float
+        Errors of cells count for more, up to so many times, where they hold less than their row.
 
     Returns
     -------
@@ -135,6 +138,10 @@ def refine(
     rounds = np.zeros(n, dtype=int)
     for _ in range(_ROUNDS):
         value, error, size, leaves = _sums(cells, n)
+        weight = np.ones(cells.row.size)
+        if lift > 1.0:
+            weight = np.clip(size[cells.row] / np.maximum(cells.size, 1e-300), 1.0, lift)
+            error = np.bincount(cells.row, weights=weight * cells.error.sum(1), minlength=n)
         rounding = _ROUNDINGS * _EPS * size
         target = np.maximum(atol, rtol * np.abs(value))
         # Leave half of the tolerance to rounding and to the probe.
@@ -143,7 +150,7 @@ def refine(
             break
         allowed = 0.25 * target / doubt
         budget = limit - spent - (2 * leaves + 4)
-        work = _plan(cells, allowed, active, budget, spent, rounds, start)
+        work = _plan(cells, weight, allowed, active, budget, spent, rounds, start)
         if work.parent.size == 0:
             # Only rounding stands above what was asked for, or nothing can be paid for.
             break
@@ -310,6 +317,7 @@ def _copy(i, k, old_row, old_code, old_box, row, code, box):
 
 def _plan(
     cells: Cells,
+    weight: np.ndarray,
     allowed: np.ndarray,
     active: np.ndarray,
     budget: np.ndarray,
@@ -319,11 +327,13 @@ def _plan(
 ) -> _Work:
     """Choose, for the cells whose errors a row cannot afford, a higher order or a cut.
 
+    `weight` tells how much cells count, with their errors and their sizes.
     `allowed` is what the cells left alone may sum to, and once more what the others may come to.
     A row that cannot pay for all of it from its budget pays for the worst cells; one that does
     nothing is active no longer. What is paid is added to `spent`, and a round to those that paid.
     """
-    total = cells.error[:, 0] + cells.error[:, 1]
+    error, size = cells.error * weight[:, None], cells.size * weight
+    total = error[:, 0] + error[:, 1]
     place = np.flatnonzero(active[cells.row])
     m, row = place.size, cells.row[place]
     place = place[np.lexsort((total[place], row))]
@@ -331,7 +341,7 @@ def _plan(
     usual = _start_orders(start, cells.code[place])
     parent, order, cut = np.empty(m, dtype=int), np.empty((m, 2), dtype=int), np.empty(m, dtype=int)
     count = _choose_all(
-        *(ends, place, total, cells.error, cells.size, cells.order, usual, allowed, active, budget),
+        *(ends, place, total, error, size, cells.order, usual, allowed, active, budget),
         *(spent, rounds, parent, order, cut),
     )
     return _Work(parent[:count], order[:count], cut[:count])
@@ -543,6 +553,6 @@ def compile_kernels(charts: Iterable[Chart]) -> None:
     none = np.empty(0, int)
     cells = Cells.blank(none, np.empty((0, 6), int), np.empty((0, 6)), np.empty((0, 2), int))
     active, spent = np.ones(1, dtype=bool), np.zeros(1, dtype=int)
-    work = _plan(cells, np.ones(1), active, spent, spent, spent, 12)
+    work = _plan(cells, cells.size, np.ones(1), active, spent, spent, spent, 12)
     _audit(cells, work.children(cells), work, np.ones(1))
     compile_cells(charts)

@@ -659,7 +659,7 @@ class _Step:
 
 # Curves that vary by less than this many of their errors have no kink that is known to be there;
 # what that may cost is part of the bound.
-FLAT = 1.0
+FLAT = 0.5
 
 
 def _turns(function: _Step) -> np.ndarray:

@@ -48,11 +48,11 @@ _TRUST = 8.0
 _LEBESGUE = 2.8
 _MOST_PIECES = 400
 _SHORTEST = 1e-5
-# Integrals around rings are had to this share of the tolerance.
-_INNER = 0.06
-# What they leave unknown of a row is tolerated up to a share of it; then they are had to a part of
-# what would be enough, so that it lasts. The finest is what float64 gives.
-_COARSE, _AHEAD, _FINEST = 0.15, 0.01, 2e-13
+# Integrals around rings are had to this share of the tolerance, or as well as float64 allows.
+_INNER, _FINEST = 0.06, 2e-13
+# What they leave unknown of a row is tolerated up to a share of that; then all that is next
+# to nothing is had as precisely as the rest, down to a millionth of the row.
+_COARSE, _LIFT = 0.15, 1e6
 # Sums over rings may have this share of it; slices are not cut to less than a part of a panel.
 _SHARE, _ROUNDS, _NARROWEST = 0.05, 12, 1e-6
 # What a kink that no node sees may hide in one slice, as a share of the tolerance.
@@ -245,7 +245,7 @@ class Ladder:
         if fresh.size == 0:
             return
         c = _cosines(fresh)
-        parts = self._profiles(c, self.rtol * _INNER)
+        parts = [self._profile(part, c) for part in self.model.parts()]
         if not self._parts:
             self._parts = parts
         else:
@@ -258,12 +258,9 @@ class Ladder:
         """The rows of the nodes and of the fresh points of a piece."""
         return np.array([self._row[y] for y in piece.y.tolist()])
 
-    def _profiles(self, c: np.ndarray, rtol: float) -> list[Profiles]:
-        """All parts at some cosines, with all divisors so far."""
-        return [self._profile(part, c, rtol) for part in self.model.parts()]
-
-    def _profile(self, part: Part, c: np.ndarray, rtol: float) -> Profiles:
-        profiles = Profiles.of(self.model, part, rings_of(part), c, max(rtol, _finest(part)))
+    def _profile(self, part: Part, c: np.ndarray, lift: float = 1.0) -> Profiles:
+        rtol = max(self.rtol * _INNER, _finest(part))
+        profiles = Profiles.of(self.model, part, rings_of(part), c, rtol, lift)
         for done in range(1, len(self.curves) + 1):
             self._meet(profiles, self.divisor(done), c)
         return profiles
@@ -346,11 +343,10 @@ class Ladder:
         """
         changed = False
         for k, (profiles, part) in enumerate(zip(self._parts, self.model.parts(), strict=True)):
-            excess = of_panels[k] * len(self._parts) / goal
-            rows = np.flatnonzero((excess > 1.0) & (profiles.inner > _finest(part)))
+            poor = of_panels[k] * len(self._parts) > goal
+            rows = np.flatnonzero(poor & (profiles.lift < _LIFT))
             if rows.size:
-                finer = (profiles.inner[rows] / excess[rows]).min() * _AHEAD
-                fresh = self._profile(part, self._cos[rows], finer)
+                fresh = self._profile(part, self._cos[rows], _LIFT)
                 self._parts[k] = profiles.replaced(rows, fresh)
                 changed = True
         return changed

@@ -33,6 +33,8 @@ _TOP = LADDER[-1]
 _LIMIT = 400_000
 # What a series leaves out of a panel, in terms of its last coefficients.
 _TAIL, _WINDOW = 4.0, 3
+# It counts for less than errors along the rings: a panel that is not cut does not read its series.
+_SHOWN = 0.2
 # Roundings at the nodes are amplified by the degree in the last coefficients.
 _NOISE = 1024.0 * np.finfo(np.float64).eps
 # Kinks that are closer than this, as a share of a panel, are one.
@@ -158,9 +160,9 @@ class Profiles:
 
     Attributes
     ----------
-    geometry, doubt, shift, inner : ndarray, shape (n, ...), (n,), (n,), (n,)
+    geometry, doubt, shift, lift : ndarray, shape (n, ...), (n,), (n,), (n,)
         Of the rows: what the chart told, factors of bounds, relative errors that no rule has, and
-        how precisely the integrals were asked for.
+        how many times better what is next to nothing was asked for.
     row, code, box, order, series : ndarray, shape (m, ...)
         Of the panels: their rows, what the chart needs to know, and Legendre coefficients.
     blur, tail : ndarray, shape (m,)
@@ -171,7 +173,7 @@ class Profiles:
     geometry: np.ndarray
     doubt: np.ndarray
     shift: np.ndarray
-    inner: np.ndarray
+    lift: np.ndarray
     row: np.ndarray
     code: np.ndarray
     box: np.ndarray
@@ -183,9 +185,18 @@ class Profiles:
 
     @classmethod
     def of(
-        cls, model: Model, part: Part, chart: RingsChart, cos_theta: np.ndarray, rtol: float
+        cls,
+        model: Model,
+        part: Part,
+        chart: RingsChart,
+        cos_theta: np.ndarray,
+        rtol: float,
+        lift: float = 1.0,
     ) -> Profiles:
-        """Integrate around rings at some incidences, with panels that are slices as a whole."""
+        """Integrate around rings at some incidences, with panels that are slices as a whole.
+
+        See `albedo.integrators.adaptive.refine` for `lift`.
+        """
         n = cos_theta.size
         p = part.packed(np.tile(np.array(model.pack(), dtype=np.float64), (n, 1)))
         integrand = ModelIntegrand(part.fill, p, np.full(n, part.scale))
@@ -195,6 +206,7 @@ class Profiles:
             atol=0.0,
             limit=_LIMIT,
             judge_series=_judge_series,
+            lift=lift,
         )
         cells = done.cells
         # What directions moved by an ulp change, as a share of what is sent on, and what the
@@ -203,7 +215,7 @@ class Profiles:
         sent = np.maximum(np.bincount(cells.row, cells.value, n), 1e-300)
         own = part.doubt(cos_theta) if callable(part.doubt) else part.doubt
         shift = 4.0 * moved / sent + own
-        rows = done.geometry, done.doubt, shift, np.full(n, rtol)
+        rows = done.geometry, done.doubt, shift, np.full(n, lift)
         named = dict(zip((*_OF_ROWS, *_OF_PANELS), (*rows, *_stacked(cells)), strict=True))
         found = cls(**named, slices=Slices())
         m = found.row.size
@@ -373,7 +385,7 @@ class Profiles:
             setattr(self, name, np.concatenate((getattr(self, name), more)))
 
 
-_OF_ROWS = ("geometry", "doubt", "shift", "inner")
+_OF_ROWS = ("geometry", "doubt", "shift", "lift")
 _OF_PANELS = ("row", "code", "box", "order", "series", "blur", "tail")
 _RUNGS = np.array(LADDER)
 
@@ -392,7 +404,7 @@ def _judge_series(cells: Cells) -> None:
     """Take what series leave out for the errors along v, so far as it is more than rounding."""
     tail = _tails(cells.series, cells.order[:, 1])
     seen = tail > _NOISE * np.abs(cells.series).max(1)
-    cells.error[:, 1] = np.where(seen, 0.5 * tail, 0.0)
+    cells.error[:, 1] = np.where(seen, _SHOWN * tail, 0.0)
 
 
 def _tails(series: np.ndarray, order: np.ndarray) -> np.ndarray:

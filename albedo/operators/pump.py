@@ -26,7 +26,7 @@ from albedo.operators.stages import Stages, stages
 
 _MOST_STEPS = 100
 # What the albedos that are divided by are worth: twenty curves leave 1e-8.
-_OF_CURVES = 2e-10
+_OF_CURVES = 1.2e-10
 # What albedos are worth that are divided by tables, in what the last table was asked for: one that
 # bends may be worth less.
 _FOLD, _FOLD_LATER = 5.0, 20.0
@@ -316,7 +316,7 @@ def pump(
         larger (eq. 21); or the first, but the product of all divisors is at least
         max(n.l, n.v).
     rtol : float, optional
-        What the albedos that are divided by are to be worth: 2e-10 by default; where they depend
+        What the albedos that are divided by are to be worth: 1.2e-10 by default; where they depend
         on the azimuth, or a part of an isotropic model has no rings, 2e-9 for the first and 5e-6
         for later ones. The error that they leave in the result is part of its bound.
 
