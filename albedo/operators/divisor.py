@@ -496,11 +496,15 @@ class Divisor:
         return np.column_stack(found) if found else np.empty((y_l.size, 0))
 
     @cached_property
-    def marks(self) -> np.ndarray:
-        """Coordinates of n.l at which an albedo with this divisor may bend."""
-        found = [np.empty(0), *(curve.marks for curve in self.curves)]
+    def marks(self) -> tuple[np.ndarray, np.ndarray]:
+        """Coordinates of n.l at which an albedo with this divisor may bend: the last ones, all."""
+        return self._marks(self.curves[-1:]), self._marks(self.curves)
+
+    def _marks(self, curves: list[LogCurve]) -> np.ndarray:
+        """The marks of some of the curves, and those of control."""
+        found = [np.empty(0), *(curve.marks for curve in curves)]
         if self.control == "literal":
-            found += [curve.crossings for curve in self.curves]
+            found += [curve.crossings for curve in curves]
         if self.control == "cumulative" and self.curves:
             # Where the product is the cosine with V as high as L, and with V at the normal.
             for other in (None, 1.0):
@@ -511,7 +515,8 @@ class Divisor:
                     return self._free.logs(c, view) - np.log(np.maximum(view, LOWEST))
 
                 found.append(_sign_changes(excess, self.curves[-1].samples))
-        return np.unique(np.concatenate(found))
+        together: np.ndarray = np.unique(np.concatenate(found))
+        return together
 
     @cached_property
     def _free(self) -> Divisor:

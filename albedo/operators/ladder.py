@@ -475,23 +475,26 @@ class Ladder:
 
     def _refine(self, poor: list[int]) -> None:
         """Cut pieces where an earlier curve bends; else give them more nodes, or halve them."""
-        marks = self._divisor().marks
         pieces = []
         for k, piece in enumerate(self._pieces):
-            pieces += self._refined(piece, marks) if k in poor else [piece]
+            pieces += self._refined(piece) if k in poor else [piece]
         self._pieces = pieces
         self._lay_out()
 
-    def _refined(self, piece: _Piece, marks: np.ndarray) -> list[_Piece]:
+    def _refined(self, piece: _Piece) -> list[_Piece]:
         a, b, bent = piece.low, piece.high, piece.bent
         margin = 1e-9 * (b - a)
         # So near to the normal no cosine tells nodes from each other.
         end = min(b - margin, LAST - _SHORTEST)
-        inside = np.unique(marks[(marks > a + margin) & (marks < end)]).tolist()
-        middle = 0.5 * (a + b)
-        if not inside:
+        # What earlier steps did not bend enough to be seen, this one hardly does.
+        for marks in self._divisor().marks:
+            inside = marks[(marks > a + margin) & (marks < end)].tolist()
+            if inside:
+                break
+        else:
             if piece.gaps < _MOST:
                 return [replace(piece, gaps=2 * piece.gaps)]
+            middle = 0.5 * (a + b)
             return [_Piece.new(a, middle, bent & 1), _Piece.new(middle, b, bent & 2)]
         # Ends that bend have the clustered nodes; between two of them a piece is halved.
         ends = [(a, bent == 1), *((x, True) for x in inside), (b, bent == 2)]
