@@ -216,6 +216,24 @@ def test_levels_are_ends_of_panels() -> None:
     assert found.converged.all()
 
 
+@pytest.mark.parametrize("above", [1e-15, 3e-14, 1e-13, 3e-13])
+@pytest.mark.parametrize("kind", ["broad", "mirror_hemisphere"])
+def test_nothing_is_left_out_between_an_axis_and_a_level(kind: str, above: float) -> None:
+    """Near the horizon a height just above that of the light may be far off in terms of it."""
+    c = np.geomspace(1e-12, 1e-3, 10)
+    chart = RingsChart(kind, levels=lambda c: np.sin(np.arcsin(c) + above)[:, None])
+    found = integrate(
+        *(chart, lambda row, wi, wo, h: 1.0 / h[2] ** 2, c, np.zeros(c.size)),
+        *(np.ones((c.size, 2)), True),
+        rtol=1e-11,
+        atol=0.0,
+        limit=10**5,
+    )
+    known = 2.0 * math.pi * (np.log1p(1.0 / c) - 1.0 / (1.0 + c))
+    assert np.all(np.abs(found.value - known) <= found.error)
+    assert found.converged.all()
+
+
 def test_rings_are_for_isotropic_models() -> None:
     with pytest.raises(TypeError, match="isotropic"):
         RingsChart("slope").panels(COSINES, COSINES, np.ones((COSINES.size, 2)), False)
