@@ -559,6 +559,17 @@ def test_the_anisotropic_lobe_about_the_mirror_direction_is_all_there(
     assert np.all(np.abs(found.value - whole.value) <= found.error + whole.error)
 
 
+@pytest.mark.parametrize("n", [2.0, 10.0, 100.0, 1e5])
+def test_no_sliver_is_left_out_between_azimuths_at_which_kinks_meet(n: float) -> None:
+    """At grazing incidence the lobe's end meets the kink and the horizon at about one azimuth."""
+    c = np.geomspace(1e-9, 1e-4, 31)
+    laid_out_about_r = albedo.directional_albedo(albedo.model("max_phong", n=n), c, rtol=1e-12)
+    in_slopes = albedo.model("max_phong_anisotropic", n_u=n, n_v=n)
+    found = albedo.directional_albedo(in_slopes, c, rtol=1e-12)
+    difference = np.abs(found.value - laid_out_about_r.value)
+    assert np.all(difference <= found.error + laid_out_about_r.error)
+
+
 @pytest.mark.filterwarnings("ignore::albedo.ConvergenceWarning")
 def test_no_direction_is_refused_for_lobes_like_needles() -> None:
     phi = np.array([0.0, 0.7, 0.5 * math.pi, 2.0])

@@ -58,12 +58,17 @@ MODELS = [
 
 
 def over(
-    part: Part, chart: object, p: np.ndarray, rtol: float = 1e-9, limit: int = 10**6
+    part: Part,
+    chart: object,
+    p: np.ndarray,
+    rtol: float = 1e-9,
+    limit: int = 10**6,
+    cosines: np.ndarray = COSINES,
 ) -> Result:
-    n = COSINES.size
+    n = cosines.size
     integrand = ModelIntegrand(part.fill, np.tile(p, (n, 1)), np.ones(n))
     return integrate(
-        *(chart, integrand, COSINES, np.zeros(n), np.tile(part.widths, (n, 1)), True),
+        *(chart, integrand, cosines, np.zeros(n), np.tile(part.widths, (n, 1)), True),
         rtol=rtol,
         atol=0.0,
         limit=limit,
@@ -80,6 +85,22 @@ def test_rings_agree_with_the_chart_of_the_model(spec: str) -> None:
             found = over(part, rings_of(part), p, limit=limit)
             assert np.all(np.abs(found.value - own.value) <= found.error + own.error)
         assert found.converged.all()
+
+
+@pytest.mark.parametrize("n", ["0", "0.01", "0.1"])
+@pytest.mark.parametrize("axis", [None, "1,1,1", "-1,-1,.3", "-1,-1,-.3"])
+def test_rings_that_close_near_the_zenith_are_seen(n: str, axis: str | None) -> None:
+    """Lobes that do not fall to their edge, where it passes near the zenith."""
+    spec = f"phong:n={n}" if axis is None else f"lafortune:lobes=(({axis},{n}))"
+    model = next(parse(spec).models())
+    (part,) = model.parts()
+    p = part.packed(np.array([model.pack()], dtype=float))
+    c = np.geomspace(1e-8, 0.1, 71)
+    own = over(part, part.chart, p, 1e-13, cosines=c)
+    for rtol in (1e-6, 1e-10, 1e-12):
+        for limit in (1000, 1500, 2000, 3000, 4000, 10**6):
+            found = over(part, rings_of(part), p, rtol, limit, c)
+            assert np.all(np.abs(found.value - own.value) <= found.error + own.error)
 
 
 @pytest.mark.parametrize("kind", ["slope", "mirror_hemisphere", "broad"])
@@ -192,6 +213,24 @@ def test_levels_are_ends_of_panels() -> None:
         limit=10**4,
     )
     assert np.all(np.abs(found.value - math.pi * (1.0 - 0.75 * 0.09)) <= found.error)
+    assert found.converged.all()
+
+
+@pytest.mark.parametrize("above", [1e-15, 3e-14, 1e-13, 3e-13])
+@pytest.mark.parametrize("kind", ["broad", "mirror_hemisphere"])
+def test_nothing_is_left_out_between_an_axis_and_a_level(kind: str, above: float) -> None:
+    """Near the horizon a height just above that of the light may be far off in terms of it."""
+    c = np.geomspace(1e-12, 1e-3, 10)
+    chart = RingsChart(kind, levels=lambda c: np.sin(np.arcsin(c) + above)[:, None])
+    found = integrate(
+        *(chart, lambda row, wi, wo, h: 1.0 / h[2] ** 2, c, np.zeros(c.size)),
+        *(np.ones((c.size, 2)), True),
+        rtol=1e-11,
+        atol=0.0,
+        limit=10**5,
+    )
+    known = 2.0 * math.pi * (np.log1p(1.0 / c) - 1.0 / (1.0 + c))
+    assert np.all(np.abs(found.value - known) <= found.error)
     assert found.converged.all()
 
 

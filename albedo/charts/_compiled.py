@@ -59,11 +59,15 @@ class CompiledChart:
 
 @kernel
 def clustered(t, power):
-    """A place in (0, 1) and its slope, nodes clustered at the start (1), the end (2) or both."""
+    """A place in (0, 1) and its slope, nodes clustered at the start (1), the end (2) or both (3),
+    or with a fourth power at the end (4)."""
     if power == 1:
         return t * t, 2.0 * t
     if power == 2:
         return t * (2.0 - t), 2.0 * (1.0 - t)
     if power == 3:
         return t * t * (3.0 - 2.0 * t), 6.0 * t * (1.0 - t)
+    if power == 4:
+        left = (1.0 - t) * (1.0 - t)
+        return 1.0 - left * left, 4.0 * left * (1.0 - t)
     return t, 1.0

@@ -416,6 +416,26 @@ def _cut_at_changes(
 
 
 @kernel
+def _join_slivers(cuts, m, corner, corners, least):
+    """Take out cuts closer to the one before than `least`; return m and corners.
+
+    Ends of inner panels are continuous across a cut, so the neighbour covers what lies between.
+    """
+    kept = 1
+    for k in range(1, m):
+        before, x = cuts[kept - 1], cuts[k]
+        if x - before >= least:
+            cuts[kept] = x
+            kept += 1
+            continue
+        cuts[kept - 1] = x if k == m - 1 else before
+        if _among(x, corner, corners) or _among(before, corner, corners):
+            corner[corners] = cuts[kept - 1]
+            corners += 1
+    return kept, corners
+
+
+@kernel
 def _cut_opening(end, cuts, m):
     """Cut the panels that open where the core meets the kink; return their number.
 
@@ -507,13 +527,12 @@ def _panels(geometry, quadrants, coarse, fine, kind, kinks, decay, full, edge, r
                     *(g, quadrant, probes, edge, kind, kinks, decay, full),
                     *(cuts, m, corner, corners, b),
                 )
+                m, corners = _join_slivers(cuts, m, corner, corners, 1e-12 * end)
                 if kinks == 1 and decay == 0 and front:
                     m = _cut_opening(end, cuts, m)
                 m = _cut_between_corners(cuts, m, corner, corners)
             for k in range(m - 1):
                 u0, u1 = cuts[k], cuts[k + 1]
-                if u1 - u0 < 1e-12 * end:
-                    continue
                 inner, pattern, graded = 1, -1, False
                 size[0], span[0] = 1.0, 0.0
                 if not coarse:

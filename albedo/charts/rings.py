@@ -15,7 +15,9 @@ with the sines s_l, s_a and s_v of the polar angles. So curves of constant n.v, 
 such as max(a(L), a(V)) have their kinks, are ends of panels; the horizon is e_v = 0; and the curves
 of the V-cavity masking, min(n.l, n.v) (n.h) = (v.h)/2, and of 90 degrees from the axis are known in
 chi for each ring. They begin and end where chi is 0 or pi, at heights that are known too; there chi
-is a root, and nodes are clustered.
+is a root, and nodes are clustered. A ring ends 90 degrees from the axis at
+cos(chi) = -tan(e_a) tan(e_v), which at grazing incidence turns within e_a of the zenith: the fourth
+power, with which broad lobes have nodes there, sees that layer as far as it has any weight.
 
 Heights are stretched from the axis as scale sinh(s), on either side, the scale being the width of
 the lobe, or the elevation of the axis where that is less and the horizon has a layer; and from the
@@ -259,9 +261,9 @@ def _quarter(sine2):
 
 
 @kernel
-def _add(cuts, corner, count, x, end, is_corner):
-    """Put x among the first `count` cuts, which are in order, if it lies between 0 and `end`."""
-    if not 1e-14 * end < x < (1.0 - 1e-14) * end:
+def _add(cuts, corner, count, x, least, end, is_corner):
+    """Put x among the first `count` cuts, which are in order, if it lies between the ends."""
+    if not least < x < (1.0 - 1e-14) * end:
         return count
     j = count
     while j > 0 and cuts[j - 1] > x:
@@ -271,6 +273,23 @@ def _add(cuts, corner, count, x, end, is_corner):
     cuts[j] = x
     corner[j] = is_corner
     return count + 1
+
+
+@kernel
+def _join_slivers(cuts, corner, count, scale):
+    """Take out cuts that hardly differ from the one before, in terms of `scale` or of themselves.
+
+    The neighbour covers what lies between. Returns the number of panels that are left.
+    """
+    kept = 0
+    for k in range(1, count + 1):
+        if cuts[k] - cuts[kept] > 1e-13 * max(scale, cuts[k]):
+            kept += 1
+            cuts[kept], corner[kept] = cuts[k], corner[k]
+        else:
+            cuts[kept] = cuts[k] if k == count else cuts[kept]
+            corner[kept] = corner[kept] or corner[k]
+    return kept
 
 
 @kernel
@@ -340,14 +359,16 @@ def _panels(geometry, levels, coarse, kind, kinks, decay, edge, row, code, box):
                 continue
             cuts[0], corner[0] = first, False
             m = 1
+            # The elevation of the axis may be the scale, and far less than `last`.
+            scale = min(g[7] if side == 1 else g[10], last)
+            least = max(first, 1e-14 * scale)
             for k in range(known):
                 x = places[k]
                 if side == 1:
                     x = e_a - x
                 elif side == 2:
                     x = -x
-                if x > first:
-                    m = _add(cuts, corner, m, x, last, True)
+                m = _add(cuts, corner, m, x, least, last, True)
             # Factors such as max(n.l, n.v) have a kink at L's height, wherever the axis stands.
             for k in range(0 if coarse else levels.shape[1] + 1):
                 e_v = g[8] if k == levels.shape[1] else math.asin(min(levels[i, k], 1.0))
@@ -356,12 +377,9 @@ def _panels(geometry, levels, coarse, kind, kinks, decay, edge, row, code, box):
                     x = e_v
                 elif side == 2:
                     x = -x
-                if x > first:
-                    m = _add(cuts, corner, m, x, last, False)
+                m = _add(cuts, corner, m, x, least, last, False)
             cuts[m], corner[m] = last, e_a < 0.0
-            for k in range(m):
-                if cuts[k + 1] - cuts[k] <= 1e-13 * last:
-                    continue
+            for k in range(_join_slivers(cuts, corner, m, scale)):
                 count = _rings(
                     *(g, i, side, cuts[k], cuts[k + 1], corner[k], corner[k + 1]),
                     *(coarse, kind, kinks, decay, edge, row, code, box, count),
@@ -407,6 +425,9 @@ def _rings(
         clustered = 0
         if inner == 2 or last < 1.0:
             clustered = (at_low and piece == 0) + 2 * (at_high and piece == pieces - 1)
+            # A lobe that hardly falls to its edge shows how fast rings close near the zenith.
+            if clustered == 2 and edge > 1 and g[6] >= 1.0:
+                clustered = 4
         for part in range(inner):
             folds = 0.0
             for sample in range(3):

@@ -479,6 +479,8 @@ def _place(g, side, power, box, e_v):
     elif power == 3:
         # x = sin(a)^2 has the place 1/2 + sin(2 a/3 - pi/6 ...): the root of 3 t^2 - 2 t^3 = x.
         x = 0.5 - math.sin(math.asin(1.0 - 2.0 * x) / 3.0)
+    elif power == 4:
+        x = 1.0 - math.sqrt(math.sqrt(1.0 - x))
     return (x - box[2]) / (box[3] - box[2])
 
 
