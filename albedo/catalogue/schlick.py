@@ -240,7 +240,8 @@ class Schlick(Model):
                 if self._residual == "turned" and isotropy < 1.0:
                     broad_chart, widths = PolarChart("slope", edge=2), (stretch, 1.0)
                 parts.append(Part("diffuse" + suffix, fills[k][1], broad_chart, widths))
-        return tuple(parts)
+        # Lobes first: what is found later needs its digits relative to the sum only.
+        return tuple(sorted(parts, key=lambda part: part.name.startswith("diffuse")))
 
     def spikes(self, wi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         layers = self._layers
