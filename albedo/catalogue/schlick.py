@@ -225,7 +225,7 @@ class Schlick(Model):
         for k, (r, isotropy, _) in enumerate(self._layers):
             a, b, residual, _ = self._weights(r)
             suffix = "" if k == 0 else "_2"
-            rough = r > _ROUGH
+            rough = r > _ROUGH and residual > 0.0
             # In the elliptic azimuth of this stretch A without its root is constant.
             stretch = isotropy if self.azimuth == "normalised" else math.sqrt(isotropy)
             if b > 0.0:
