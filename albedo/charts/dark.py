@@ -117,7 +117,7 @@ def _nodes(geometry, code, box, u, v, numbers, wi, wo, h, weight):
     for k in range(box.shape[0]):
         if code[k, 4] == 0:
             continue
-        c, s, cos_phi, sin_phi, elevation = geometry[k]
+        c, s, cos_phi, sin_phi, elevation = geometry[k, :5]
         u0, u1, v0, v1, start, end = box[k]
         for iv in range(v.size):
             # The root at the end of the dark region becomes smooth.
