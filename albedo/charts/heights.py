@@ -28,7 +28,7 @@ def fold(c, s):
     """The coordinate y of a direction, from cosine and sine of its polar angle."""
     if c <= 0.5:
         return math.log(2.0 * max(c, LOWEST))
-    return LAST - math.atan2(s, c)
+    return LAST - math.atan(s / c)
 
 
 @kernel
@@ -36,7 +36,7 @@ def fold_vector(x, y, z):
     """The coordinate y of a unit vector; its tangential part is read only where it matters."""
     if z <= 0.5:
         return math.log(2.0 * max(z, LOWEST))
-    return LAST - math.atan2(math.sqrt(x * x + y * y), z)
+    return LAST - math.atan(math.sqrt(x * x + y * y) / z)
 
 
 @kernel
