@@ -26,10 +26,12 @@ _lay_out = indirect(NODES_TYPES)
 # Lines are looked at in so many places, the first and the last of them so near to the ends.
 _LOOKS, _NEAR = 15, 1e-4
 # Lines of a panel, bisections between two that differ, and most panels that one is cut into.
-_LINES, _BISECTIONS, _PIECES = 13, 26, 60
+_LINES, _BISECTIONS, _PIECES = 13, 26, 64
 # Lines that a series is made of. It may be wrong by so much: that of a kink beside the edge is the
-# square. A panel is cut for it until it is so short.
-_TERMS, _BESIDE, _SHORTEST, _DEPTH = 16, 1e-5, 1e-3, 16
+# square. A panel is cut for it until it is so short. One that is wrong by more is not used.
+_TERMS, _BESIDE, _SHORTEST, _ASTRAY = 16, 1e-5, 1e-3, 1e-3
+# Lines this near to the ends of a piece may have lost a place.
+_CLOSE_BY = 1e-5
 _NODES = np.polynomial.chebyshev.chebpts1(_TERMS)
 _TO_SERIES = np.linalg.inv(np.polynomial.chebyshev.chebvander(_NODES, _TERMS - 1))
 # More kinks than this on one line are left to the integrator.
@@ -278,8 +280,9 @@ def _split(base, geometry, row, code, box, coarse, *rest):
     at_l, series = np.empty(known[0].size), np.empty(known[-1].shape[2])
     one, wi = np.empty(1), np.empty((3, 1))
     wo, h, weight = np.empty((3, 1, 1)), np.empty((3, 1, 1)), np.empty((1, 1))
-    cuts, kinds, patterns = np.empty(64), np.empty(64, np.int64), np.empty(65, np.int64)
-    lows, highs, flags = np.empty(_DEPTH), np.empty(_DEPTH), np.empty(_DEPTH, np.int64)
+    # Pieces that wait: their ends in u, at which of them nodes are clustered, and their places.
+    lows, highs, flags = np.empty(_PIECES), np.empty(_PIECES), np.empty(_PIECES, np.int64)
+    kinds, patterns = np.empty(_PIECES, np.int64), np.empty(_PIECES, np.int64)
     curves = np.empty((_MOST + 2, _TERMS))
     columns, width = code.shape[1], box.shape[1]
     count = 0
@@ -290,87 +293,122 @@ def _split(base, geometry, row, code, box, coarse, *rest):
         albedos_at(wi[0, 0], wi[1, 0], wi[2, 0], *known, series, at_l)
         panel = base, g, code_1, box_1
         divisor = known, control, changes, at_l, weak
-        cuts[0], cuts[1], kinds[0], patterns[0], m = 0.0, 1.0, 0, 0, 1
+        lows[0], highs[0], flags[0], kinds[0], patterns[0], top = 0.0, 1.0, 0, 0, 0, 1
         if changes > 0 and not coarse:
-            m = _cuts(panel, divisor, cuts, kinds, patterns)
-        for j in range(m):
-            # Places come and go like roots, at the horizon and where two meet.
-            lows[0], highs[0], flags[0], top = cuts[j], cuts[j + 1], 0, 1
-            if j > 0:
-                flags[0] += 1
-            if j + 1 < m:
-                flags[0] += 2
-            while top > 0:
-                top -= 1
-                low, high, ends = lows[top], highs[top], flags[top]
-                smooth = _curves(panel, divisor, low, high, ends, kinds[j], curves)
-                if not smooth and top + 2 <= _DEPTH and high - low > _SHORTEST:
-                    middle = 0.5 * (low + high)
-                    lows[top], highs[top], flags[top] = low, middle, ends & 1
-                    lows[top + 1], highs[top + 1], flags[top + 1] = middle, high, ends & 2
-                    top += 2
-                    continue
-                if count + kinds[j] + 1 > new_row.size:
-                    return -1
-                size = box[k, 1] - box[k, 0]
-                for part in range(kinds[j] + 1):
-                    new_row[count] = row[k]
-                    for i in range(columns):
-                        new_code[count, i] = code[k, i]
-                    new_code[count, columns] = ends
-                    for i in range(width):
-                        new_box[count, i] = box[k, i]
-                    for i in range(4):
-                        new_box[count, i] = i % 2
-                        new_box[count, width + i] = box[k, i]
-                    new_box[count, width] = box[k, 0] + low * size
-                    new_box[count, width + 1] = box[k, 0] + high * size
-                    for i in range(_TERMS):
-                        new_box[count, width + 4 + i] = curves[part, i]
-                        new_box[count, width + 4 + _TERMS + i] = curves[part + 1, i]
-                    count += 1
+            top = _cuts(panel, divisor, lows, highs, flags, kinds, patterns)
+        made = top
+        while top > 0:
+            top -= 1
+            low, high, ends = lows[top], highs[top], flags[top]
+            kind, pattern = kinds[top], patterns[top]
+            rough, before, after = _curves(panel, divisor, low, high, ends, kind, pattern, curves)
+            if before < after and made < _PIECES:
+                # Between two of its lines places come or go.
+                x, inside, other = _change(panel, divisor, before, after, pattern)
+                highs[top], flags[top] = x, ends | 2
+                lows[top + 1], highs[top + 1], flags[top + 1] = x, high, ends | 1
+                kinds[top + 1], patterns[top + 1] = inside, other
+                top, made = top + 2, made + 1
+                continue
+            if rough > _BESIDE and high - low > _SHORTEST and made < _PIECES:
+                middle = 0.5 * (low + high)
+                highs[top], flags[top] = middle, ends & 1
+                lows[top + 1], highs[top + 1], flags[top + 1] = middle, high, ends & 2
+                kinds[top + 1], patterns[top + 1] = kind, pattern
+                top, made = top + 2, made + 1
+                continue
+            if before < after or rough > _ASTRAY:
+                # Its kinks are left to the integrator.
+                kind = 0
+                _whole(curves)
+            if count + kind + 1 > new_row.size:
+                return -1
+            size = box[k, 1] - box[k, 0]
+            for part in range(kind + 1):
+                new_row[count] = row[k]
+                for i in range(columns):
+                    new_code[count, i] = code[k, i]
+                new_code[count, columns] = ends
+                for i in range(width):
+                    new_box[count, i] = box[k, i]
+                for i in range(4):
+                    new_box[count, i] = i % 2
+                    new_box[count, width + i] = box[k, i]
+                new_box[count, width] = box[k, 0] + low * size
+                new_box[count, width + 1] = box[k, 0] + high * size
+                for i in range(_TERMS):
+                    new_box[count, width + 4 + i] = curves[part, i]
+                    new_box[count, width + 4 + _TERMS + i] = curves[part + 1, i]
+                count += 1
     return count
 
 
 @kernel
-def _cuts(panel, divisor, cuts, kinds, patterns):
-    """Fill places in u where the number of places on lines changes, and what is between them."""
+def _cuts(panel, divisor, lows, highs, flags, kinds, patterns):
+    """Fill pieces in u that differ in the number of places on their lines; return how many."""
     places, away, one = np.empty(_MOST + 1), np.empty(2), np.empty(1)
-    low, before, m = 0.0, 0, 0
+    low, m = 0.0, 0
     for line in range(_LINES):
         high = min(max(line / (_LINES - 1), _NEAR), 1.0 - _NEAR)
         one[0] = high
         inside, pattern = _places(*panel, one, *divisor, True, places, away)
-        if line == 0 or (pattern != before and m < _PIECES):
-            a, b = low, high if line > 0 else low
-            for _ in range(_BISECTIONS if line > 0 else 0):
-                one[0] = 0.5 * (a + b)
-                _, other = _places(*panel, one, *divisor, True, places, away)
-                if other == before:
-                    a = one[0]
-                else:
-                    b = one[0]
-            cuts[m], kinds[m], patterns[m], before = 0.5 * (a + b), inside, pattern, pattern
+        if line == 0:
+            lows[0], flags[0], kinds[0], patterns[0], m = 0.0, 0, inside, pattern, 1
+        while patterns[m - 1] != pattern and 2 * m < _PIECES:
+            x, kind, other = _change(panel, divisor, low, high, patterns[m - 1])
+            # Places come and go like roots, at the horizon and where two meet.
+            highs[m - 1], flags[m - 1] = x, flags[m - 1] | 2
+            lows[m], flags[m], kinds[m], patterns[m], low = x, 1, kind, other, x
             m += 1
         low = high
-    cuts[m] = 1.0
+    highs[m - 1] = 1.0
     return m
 
 
 @kernel
-def _curves(panel, divisor, low, high, ends, kind, curves):
-    """Fill series for the places on the lines between two cuts; whether they are good enough."""
+def _change(panel, divisor, low, high, pattern):
+    """The first place in u that is found where a pattern ends, and what follows there."""
+    places, away, one = np.empty(_MOST + 1), np.empty(2), np.empty(1)
+    one[0] = high
+    inside, other = _places(*panel, one, *divisor, True, places, away)
+    a, b = low, high
+    for _ in range(_BISECTIONS):
+        one[0] = 0.5 * (a + b)
+        found, seen = _places(*panel, one, *divisor, True, places, away)
+        if seen == pattern:
+            a = one[0]
+        else:
+            b, inside, other = one[0], found, seen
+    return b, inside, other
+
+
+@kernel
+def _whole(curves):
+    """Fill the series of a piece that is not cut."""
+    for i in range(_TERMS):
+        curves[0, i] = curves[1, i] = 0.0
+    curves[1, 0] = 1.0
+
+
+@kernel
+def _curves(panel, divisor, low, high, ends, kind, pattern, curves):
+    """Fill series for the places on the lines of a piece.
+
+    Return how much they miss, and two lines between which places come or go: the same if none do.
+    """
     for i in range(_TERMS):
         for j in range(kind + 2):
             curves[j, i] = 0.0
     curves[kind + 1, 0] = 1.0
-    if kind == 0:
-        return True
     places, away, one = np.empty(_MOST + 1), np.empty(2), np.empty(1)
+    before = low
     for i in range(_TERMS):
         t, _ = clustered(0.5 * (_NODES[i] + 1.0), ends)
         one[0] = low + t * (high - low)
-        found, _ = _places(*panel, one, *divisor, False, places, away)
+        found, seen = _places(*panel, one, *divisor, kind == 0, places, away)
+        if seen != pattern and _CLOSE_BY < t < 1.0 - _CLOSE_BY:
+            return 0.0, before, one[0]
+        before = one[0]
         # A place that left at an end is taken for that end.
         while found > kind:
             if places[0] < 1.0 - places[found - 1]:
@@ -388,11 +426,10 @@ def _curves(panel, divisor, low, high, ends, kind, curves):
         for j in range(kind):
             for n in range(_TERMS):
                 curves[j + 1, n] += _TO_SERIES[n, i] * places[j]
-    smooth = True
+    rough = 0.0
     for j in range(1, kind + 1):
-        tail = abs(curves[j, _TERMS - 1]) + abs(curves[j, _TERMS - 2])
-        smooth = smooth and tail <= _BESIDE
-    return smooth
+        rough = max(rough, abs(curves[j, _TERMS - 1]) + abs(curves[j, _TERMS - 2]))
+    return rough, low, low
 
 
 @kernel
@@ -421,7 +458,8 @@ def _nodes(base, geometry, code, box, u, v, wi, wo, h, weight):
             one[0], turn = clustered(t, code[k, columns])
             turn *= box[k, 1] - box[k, 0]
             start = min(max(_place(box[k], width + 4, t), 0.0), 1.0)
-            end = min(max(_place(box[k], width + 4 + _TERMS, t), start), 1.0)
+            # Where series cross, parts are negative: together they cover a line once.
+            end = min(max(_place(box[k], width + 4 + _TERMS, t), 0.0), 1.0)
             first, share = box[k, 2], box[k, 3] - box[k, 2]
             for iv in range(q):
                 along[iv] = start + (end - start) * (first + share * v[iv])
