@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from albedo.brdf import Model, Part
 from albedo.directions import real_array
 from albedo.errors import ConvergenceWarning, DivergenceError, InputError
 from albedo.estimate import Estimate
-from albedo.integrators.adaptive import Result, compile_kernels, integrate
+from albedo.integrators.adaptive import Refined, compile_kernels, integrate, look
 from albedo.integrators.cells import ModelIntegrand
 
 DEFAULT_LIMIT = 400_000
@@ -239,8 +240,8 @@ def _rows(
     converged = np.ones(n, dtype=bool)
     contributions: dict[str, Estimate] = {}
     spike = _spikes(distinct, which, cos_theta, phi)
-    # What the parts found so far may still err by, for the sum of all to have its digits: a part
-    # that adds little needs few. Nothing is negative.
+    # What the parts found so far leave of the tolerance of the sum: a part that adds little needs
+    # few digits. Nothing is negative.
     slack = np.zeros(n)
     if spike is not None and not complement:
         slack += np.maximum(options["rtol"] * spike.value - spike.error, 0.0)
@@ -252,11 +253,11 @@ def _rows(
         loss = complement and len(parts) == 1 and parts[0].loss is not None and not swap
         direct[rows] = loss
         p = np.array([prepared[k][1] for k in members], dtype=np.float64)[place]
-        share = dict(options, limit=max(16, options["limit"] // max(len(parts), 1)))
+        limit = max(16, options["limit"] // max(len(parts), 1))
+        jobs: list[_Job] = []
         for k, part in enumerate(parts):
             widths = np.array([prepared[j][0][k].widths for j in members])[place]
             scale = np.array([prepared[j][0][k].scale for j in members])[place]
-            share["atol"] = np.maximum(options["atol"], slack[rows])
             doubt = np.empty(rows.size)
             for i, j in enumerate(members):
                 own, at = prepared[j][0][k].doubt, place == i
@@ -268,20 +269,28 @@ def _rows(
                     averaged = average(cos_theta[rows][at], phi[rows][at])
                     doubt[at] = np.minimum(doubt[at], averaged)
             # What the part's own numbers are worth is not spent a second time.
-            share["rtol"] = options["rtol"] - min(float(doubt.max()), 0.5 * options["rtol"])
-            result = _part(
-                *(part, part.packed(p), scale, cos_theta[rows], phi[rows], widths, isotropic),
-                *(swap, loss, share),
-            )
-            result.error += doubt * np.abs(result.value)
+            rtol = options["rtol"] - min(float(doubt.max()), 0.5 * options["rtol"])
+            what = *_integral(part, part.packed(p), scale, swap, loss), cos_theta[rows], phi[rows]
+            job = _Job((*what, widths, isotropic), rtol, doubt, np.zeros(rows.size))
+            if len(parts) > 1 and not complement:
+                job.begun, least = look(*job.what, rtol=rtol, limit=limit)
+                job.share = rtol * least
+            jobs.append(job)
+        for k, (part, job) in enumerate(zip(parts, jobs, strict=True)):
+            left = slack[rows] + sum(later.share for later in jobs[k:])
+            # Where the parts found so far have used up everything, each has its own digits.
+            given = np.where(left > 0.0, left - job.share, 0.0)
+            tolerance = {"atol": options["atol"], "rtol": job.rtol, "slack": given}
+            result = integrate(*job.what, **tolerance, limit=limit, begun=job.begun)
+            result.error += job.doubt * np.abs(result.value)
             result.converged &= result.error <= np.maximum(
-                share["atol"], options["rtol"] * np.abs(result.value)
+                options["atol"], given + options["rtol"] * np.abs(result.value)
             )
             value[rows] += result.value
             error[rows] += result.error
             if not complement:
                 gained = options["rtol"] * np.maximum(result.value - result.error, 0.0)
-                slack[rows] = np.maximum(slack[rows] + gained - result.error, 0.0)
+                slack[rows] += gained - result.error
             evaluations[rows] += result.evaluations
             converged[rows] &= result.converged
             piece = contributions.setdefault(part.name, _zeros(n))
@@ -336,24 +345,28 @@ def _spikes(
     return total if found else None
 
 
-def _part(
-    part: Part,
-    p: np.ndarray,
-    scale: np.ndarray,
-    cos_theta: np.ndarray,
-    phi: np.ndarray,
-    widths: np.ndarray,
-    isotropic: bool,
-    swap: bool,
-    loss: bool,
-    options: dict[str, Any],
-) -> Result:
-    """Integrate one part over all rows of a batch."""
+@dataclass
+class _Job:
+    """A part over all rows of a batch: what `integrate` wants, and what is known beforehand.
+
+    `doubt` is what the part's own numbers err by, and `share` what it adds to the tolerance of the
+    sum at least.
+    """
+
+    what: tuple[Any, ...]
+    rtol: float
+    doubt: np.ndarray
+    share: np.ndarray
+    begun: Refined | None = None
+
+
+def _integral(
+    part: Part, p: np.ndarray, scale: np.ndarray, swap: bool, loss: bool
+) -> tuple[Any, ModelIntegrand]:
+    """The chart and the integrand of a part, or of what it loses."""
     fill = part.loss if loss else part.fill
     assert fill is not None
-    integrand = ModelIntegrand(fill, p, scale, swap)
-    chart = part.loss_chart if loss else part.chart
-    return integrate(chart, integrand, cos_theta, phi, widths, isotropic, **options)
+    return part.loss_chart if loss else part.chart, ModelIntegrand(fill, p, scale, swap)
 
 
 def compile_ahead(lines: Sequence[str]) -> None:

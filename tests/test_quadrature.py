@@ -220,3 +220,33 @@ def test_estimates_print_with_their_errors() -> None:
     assert format_value(0.488993012, 2e-6) == "0.488993(3)"
     found = albedo.directional_albedo(albedo.model("lambert", rho=0.5), 1.0, rtol=1e-6)
     assert str(found).endswith("[bound]")
+
+
+def test_parts_share_the_tolerance_of_their_sum() -> None:
+    """A part that adds little needs few digits, also where it comes first."""
+    dim = 1e-4 * albedo.model("phong", n=1000.0)
+    cosines = np.geomspace(1e-6, 1.0, 25)
+    alone = albedo.directional_albedo(dim, cosines)
+    found = albedo.directional_albedo(dim + albedo.model("lambert", rho=0.9), cosines)
+    first = next(iter(found.parts.values()))
+    np.testing.assert_array_less(np.abs(first.value - alone.value), first.error + alone.error)
+    assert found.converged.all()
+    assert np.all(first.evaluations <= alone.evaluations)
+    # A ten-thousandth of the sum to 1e-8 of it: four digits.
+    assert first.evaluations.sum() < 0.5 * alone.evaluations.sum()
+
+
+def test_no_part_takes_what_others_have_used() -> None:
+    """The first three parts use most of what the four may lose, and none of them loses more."""
+    model = albedo.model(
+        "schlick",
+        form="residual",
+        roughness=0.23221591103701314,
+        color=0.040912391332155136,
+        layers="2",
+        roughness2=2.0531459190559112e-4,
+        color2=0.028932997795348418,
+    )
+    found = albedo.directional_albedo(model, np.geomspace(1e-4, 0.1, 61))
+    assert found.converged.all()
+    assert np.all(found.error <= 1e-8 * found.value)

@@ -16,9 +16,6 @@ from albedo.charts.tail_rings import TailRingsChart
 from albedo.fresnel import schlick
 from albedo.geometry import v_dot_h
 
-# From this roughness on, what is shadowed adds more than the lobe at grazing incidence.
-_ROUGH = 0.2
-
 
 @kernel
 def spectral(p, second, u):
@@ -220,34 +217,30 @@ class Schlick(Model):
         return (*numbers, *(0.0,) * (12 - len(numbers)), *map(float, choices))
 
     def parts(self) -> tuple[Part, ...]:
-        parts: list[tuple[int, Part]] = []
+        parts: list[Part] = []
         fills = ((fill_specular, fill_diffuse), (fill_specular_2, fill_diffuse_2))
         for k, (r, isotropy, _) in enumerate(self._layers):
             a, b, residual, _ = self._weights(r)
             suffix = "" if k == 0 else "_2"
-            rough = r > _ROUGH and residual > 0.0
             # In the elliptic azimuth of this stretch A without its root is constant.
             stretch = isotropy if self.azimuth == "normalised" else math.sqrt(isotropy)
             if b > 0.0:
                 plain = self.form == "plain"
                 chart: Any = PolarChart("slope")
                 if self.isotropic:
-                    chart = TailRingsChart(layer=1 if plain else 2)
+                    chart = TailRingsChart(layer=1 if plain else 2, steep=self.color != 1.0)
                 elif not plain:
                     chart = PolarChart("slope", edge=2, origin=2, layer=2)
                 widths = (math.sqrt(r) * stretch, math.sqrt(r))
-                lobe_part = Part("specular" + suffix, fills[k][0], chart, widths)
-                parts.append((2 if rough else 1, lobe_part))
+                parts.append(Part("specular" + suffix, fills[k][0], chart, widths))
             if a > 0.0 or residual > 0.0:
                 # 1 - G changes where n.v is r.
                 broad_chart: Any = CosineChart(angle=True, layered=True)
                 widths = (r, 1.0)
                 if self._residual == "turned" and isotropy < 1.0:
                     broad_chart, widths = PolarChart("slope", edge=2), (stretch, 1.0)
-                broad_part = Part("diffuse" + suffix, fills[k][1], broad_chart, widths)
-                parts.append((0 if rough else 3, broad_part))
-        # What adds most comes first: later parts need their digits relative to the sum only.
-        return tuple(part for _, part in sorted(parts, key=lambda ranked: ranked[0]))
+                parts.append(Part("diffuse" + suffix, fills[k][1], broad_chart, widths))
+        return tuple(parts)
 
     def spikes(self, wi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         layers = self._layers

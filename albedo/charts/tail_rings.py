@@ -10,6 +10,11 @@ substitution tan(chi/2) = k tan(f) makes a trigonometric polynomial of a lobe 1/
 however narrow it is, and however near to the horizon. So the core of a ring needs few nodes. Its
 tail, where H is far from N, is a panel of its own, in the logarithm of tan(chi/4).
 
+A Fresnel factor is steep in both logarithms at grazing incidence: in the azimuth of L the power
+(1 - v.h)^5 is the tenth power of a height, and 1 - (1 - v.h)^5 begins linearly at the tip of the
+cone of v.h, where V is R on the horizon. So steep lobes have the far end of a ring in chi itself,
+and heights next to the zenith as fourth powers: there they are nearly polynomials.
+
 A ring is cut nowhere by the horizon, and masking changes from ring to ring only: its layer along
 the horizon costs nodes in height, but none in azimuth.
 """
@@ -25,13 +30,18 @@ from albedo._compile import kernel
 from albedo.charts._compiled import CompiledChart, Kernel
 from albedo.charts.rings import elevation, stretched
 
-# Most e-folds of a panel in height, and in the tail of a ring. Measured, as is `_NARROW`.
-_FOLDS, _TAIL_FOLDS = 6.0, 7.0
-# The core of a narrow lobe ends where tan(f) is the inverse of this, of a wide one sooner.
-_NARROW = 1.0 / 64.0
+# Most e-folds of a panel in the tail of a ring. Measured, as are the other numbers here.
+_TAIL_FOLDS = 7.0
+# Most e-folds of a panel in height; the core of a narrow lobe ends where tan(f) is the inverse of
+# the next number, of a wide one sooner; and tan(chi/2) goes so far beyond it in the tail, or on to
+# pi (0). Lobes that are steep have their own numbers where L stands lower than that.
+_GENTLE, _STEEP, _GRAZING = (6.0, 1.0 / 64.0, 0.0), (7.0, 0.0, 0.35), 0.03
+# The span of a steep lobe next to the zenith: its share of all heights, or so many widths, unless
+# these are too many.
+_TOP, _WIDTHS, _MOST = math.exp(-5.0), 8.0, 0.08
 _THINNEST = 1e-18
 # Parts of a ring.
-_CORE, _TAIL, _ALL = 0, 1, 2
+_CORE, _TAIL, _ALL, _FAR = 0, 1, 2, 3
 
 
 @dataclass(frozen=True)
@@ -42,9 +52,12 @@ class TailRingsChart(CompiledChart):
     ----------
     layer : {1, 2}
         Masking sets in where n.v is this power of the width of the lobe.
+    steep : bool
+        The lobe has a Fresnel factor such as 1 - (1 - v.h)^5, or (1 - v.h)^5.
     """
 
     layer: int = 1
+    steep: bool = False
 
     def panels(
         self,
@@ -67,7 +80,9 @@ class TailRingsChart(CompiledChart):
         scale = np.maximum(np.minimum(2.0 * width, lift), _THINNEST)
         # As `elevation` wants it, of the axis R.
         light = c, s, np.cos(phi), np.sin(phi), lift, np.arctan2(s, c)
-        geometry = np.column_stack((*light, width, layer, lift, s, scale))
+        steep = self.steep & (lift < _GRAZING)
+        numbers = np.where(steep[:, None], _STEEP, _GENTLE)
+        geometry = np.column_stack((*light, width, layer, lift, s, scale, numbers))
         room = c.size * 40 + 64
         while True:
             row, code, box = np.empty(room, int), np.empty((room, 3), int), np.empty((room, 4))
@@ -88,30 +103,56 @@ def _ring(g, n_v, s_v, below):
     height, half = g[0] + n_v, math.tan(0.5 * below)
     peak = g[6] * g[6] + half * half
     k = math.sqrt(peak / (peak + 4.0 * g[1] * s_v / (height * height)))
-    return k, 1.0 / (_NARROW + math.sqrt(math.sqrt(peak)))
+    return k, 1.0 / (g[12] + math.sqrt(math.sqrt(peak)))
 
 
 @kernel
-def _folds(k, edge):
-    """E-folds of tan(chi/4) in the tail of a ring, which ends at 1."""
+def _quarter(q):
+    """The logarithm of tan(chi/4) where tan(chi/2) is q."""
+    return math.log(q / (1.0 + math.sqrt(1.0 + q * q)))
+
+
+@kernel
+def _tail(g, k, edge):
+    """Where the tail of a ring begins and ends, in the logarithm of tan(chi/4)."""
     q = k * edge
-    return math.log((1.0 + math.sqrt(1.0 + q * q)) / q)
+    return _quarter(q), _quarter(q + g[13]) if g[13] > 0.0 else 0.0
+
+
+@kernel
+def _foot(g):
+    """The elevation from which heights above the lobe are counted.
+
+    Where L stands lower than the lobe is wide, that is the horizon.
+    """
+    return 0.0 if g[4] < g[6] else g[4]
 
 
 @kernel
 def _heights(g, span):
-    """One of three spans of heights: its side, and the ends of the variable of `elevation`.
+    """One of four spans of heights: its side, and the ends of the variable of `_height`."""
+    foot, top = _foot(g), 0.5 * math.pi
+    side, first = (2, 0.0) if foot > 0.0 else (1, stretched(g, 1, g[6]))
+    if span < 2:
+        if foot > 0.0:
+            return span, 0.0, stretched(g, span, 0.5 * g[4])
+        return 1, 0.0, first if span == 1 else 0.0
+    if g[13] > 0.0:
+        near = max(_TOP * (top - foot), _WIDTHS * g[6])
+        if near < _MOST * (top - foot):
+            if span == 3:
+                return 3, near**0.25, (top - foot) ** 0.25
+            top = foot + near
+    return side, first, stretched(g, side, top) if span == 2 else first
 
-    Where L stands lower than the lobe is wide, heights are counted from the horizon only, and the
-    spans end where the lobe does.
-    """
-    if g[4] >= g[6]:
-        return span, 0.0, stretched(g, span, 0.5 * math.pi if span == 2 else 0.5 * g[4])
-    last = stretched(g, 1, 0.5 * math.pi)
-    wide = min(stretched(g, 1, g[6]), last)
-    if span == 0:
-        return 1, 0.0, wide
-    return 1, wide, last if span == 1 else wide
+
+@kernel
+def _height(g, side, s):
+    """As `elevation`, with side 3 next to the zenith: fourth powers."""
+    if side < 3:
+        return elevation(g, side, s)
+    d, foot = s**4, _foot(g)
+    return foot + d, (g[4] - foot) - d, 4.0 * s**3
 
 
 @kernel
@@ -120,31 +161,35 @@ def _panels(geometry, coarse, row, code, box):
     count = 0
     for i in range(geometry.shape[0]):
         g = geometry[i]
-        for span in range(3):
+        for span in range(4):
             side, first, last = _heights(g, span)
             if not last > first:
                 continue
             folds = (last - first) * (2.0 if side == 1 else 1.0)
-            pieces = 1 if coarse else max(1, math.ceil(folds / _FOLDS))
+            pieces = 1 if coarse else max(1, math.ceil(folds / g[11]))
             for piece in range(pieces):
                 v0 = first + (last - first) * piece / pieces
                 v1 = first + (last - first) * (piece + 1) / pieces
-                turns = 0
+                turns = parts = 0
                 if not coarse:
                     longest = 0.0
                     for v in (v0, 0.5 * (v0 + v1), v1):
-                        e_v, below, _ = elevation(g, side, v)
+                        e_v, below, _ = _height(g, side, v)
                         k, edge = _ring(g, math.sin(e_v), math.cos(e_v), below)
-                        longest = max(longest, _folds(k, edge))
+                        begin, end = _tail(g, k, edge)
+                        longest = max(longest, end - begin)
                     turns = max(1, math.ceil(longest / _TAIL_FOLDS))
-                if count + 1 + turns > row.size:
+                    parts = turns + 1 if g[13] > 0.0 else turns
+                if count + 1 + parts > row.size:
                     return -1
-                for turn in range(1 + turns):
+                for turn in range(1 + parts):
                     row[count] = i
                     code[count, 0], code[count, 1] = side, min(turn, 1)
                     code[count, 2] = _ALL if coarse else min(turn, 1)
+                    if turn > turns:
+                        code[count, 2] = _FAR
                     box[count, 0], box[count, 1] = 0.0, 1.0
-                    if turn > 0:
+                    if 0 < turn <= turns:
                         box[count, 0], box[count, 1] = (turn - 1) / turns, turn / turns
                     box[count, 2], box[count, 3] = v0, v1
                     count += 1
@@ -160,26 +205,32 @@ def _nodes(geometry, code, box, u, v, numbers, wi, wo, h, weight):
         wi[0, j], wi[1, j], wi[2, j] = s_l * cos_phi, s_l * sin_phi, n_l
         u0, u1, v0, v1 = box[j, 0], box[j, 1], box[j, 2], box[j, 3]
         for iv in range(v.size):
-            e_v, below, slope = elevation(g, code[j, 0], v0 + (v1 - v0) * v[iv])
+            e_v, below, slope = _height(g, code[j, 0], v0 + (v1 - v0) * v[iv])
             # s_l - s_v; next to the normal the cosine of e_v has few digits.
             shift = -2.0 * math.sin(0.5 * below) * math.sin(0.5 * (e_v + g[4]))
             n_v, s_v = math.sin(e_v), s_l - shift
             k, edge = _ring(g, n_v, s_v, below)
-            end = 0.5 * math.pi
-            if part != _ALL:
-                end = _folds(k, edge) if part == _TAIL else math.atan(edge)
+            begin, end = 0.0, 0.5 * math.pi
+            if part == _CORE:
+                end = math.atan(edge)
+            elif part == _TAIL:
+                begin, end = _tail(g, k, edge)
+            elif part == _FAR:
+                begin = math.atan(k * edge + g[13])
             # Both halves of the ring.
-            ring = 2.0 * n_v * s_v * slope * (v1 - v0) * (u1 - u0) * end
+            ring = 2.0 * n_v * s_v * slope * (v1 - v0) * (u1 - u0) * (end - begin)
             for iu in range(u.size):
-                y = u0 + (u1 - u0) * u[iu]
+                y = begin + (end - begin) * (u0 + (u1 - u0) * u[iu])
                 # tan(chi/2), sin(chi/2), cos(chi/2) and how fast chi grows.
                 if part == _TAIL:
-                    q = math.exp(end * (y - 1.0))
+                    q = math.exp(y)
                     inverse = 1.0 / (1.0 + q * q)
                     sine, cosine = 2.0 * q * inverse, (1.0 - q) * (1.0 + q) * inverse
                     turn = 4.0 * q * inverse
+                elif part == _FAR:
+                    sine, cosine, turn = math.sin(y), math.cos(y), 2.0
                 else:
-                    f = math.tan(end * y)
+                    f = math.tan(y)
                     q = k * f
                     cosine = 1.0 / math.sqrt(1.0 + q * q)
                     sine = q * cosine

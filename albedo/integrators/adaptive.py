@@ -43,6 +43,8 @@ _GROWTH = 0.65
 # Rows of more panels than this are first seen with few nodes: at grazing angles most panels hold
 # next to nothing. Fewer than six coefficients tell of no fall, only of the size.
 _CROWD, _GLANCE = 16, 4
+# A look tells a row to a tenth: enough to share a tolerance, and what it takes is not lost.
+_LOOK = 0.1
 # What moved, times this, bounds the error of the finer rule, and the fall that it may claim.
 _TRUST = 8.0
 
@@ -71,6 +73,8 @@ class Refined:
         Factors of the bounds of the rows.
     spent, rounds : ndarray of int, shape (n,)
         Evaluations, and how often a row was refined.
+    start : int
+        Order that cells begin with.
     """
 
     geometry: np.ndarray
@@ -78,6 +82,32 @@ class Refined:
     doubt: np.ndarray
     spent: np.ndarray
     rounds: np.ndarray
+    start: int
+
+
+def look(
+    chart: Chart,
+    integrand: Integrand,
+    cos_theta: np.ndarray,
+    phi: np.ndarray,
+    widths: np.ndarray,
+    isotropic: bool,
+    *,
+    rtol: float,
+    limit: int,
+) -> tuple[Refined, np.ndarray]:
+    """Begin to integrate: cells that `integrate` goes on with, and what every row is at least.
+
+    Parameters
+    ----------
+    chart, integrand, cos_theta, phi, widths, isotropic, rtol, limit
+        As in `integrate`.
+    """
+    begun = _begin(*(chart, integrand, cos_theta, phi, widths, isotropic), rtol=rtol, limit=limit)
+    _go_on(chart, integrand, begun, rtol=max(rtol, _LOOK), atol=0.0, limit=limit)
+    value, error, _, _ = _sums(begun.cells, cos_theta.size)
+    least = np.abs(value) - begun.doubt * error
+    return begun, np.where(least > 0.0, least, 0.0)
 
 
 def refine(
@@ -111,6 +141,38 @@ def refine(
     Refined
         Rows that could not be had as well as asked for are among them, with larger bounds.
     """
+    begun = _begin(
+        *(chart, integrand, cos_theta, phi, widths, isotropic),
+        rtol=rtol,
+        limit=limit,
+        fine=fine,
+        judge_series=judge_series,
+    )
+    _go_on(
+        *(chart, integrand, begun),
+        rtol=rtol,
+        atol=atol,
+        limit=limit,
+        judge_series=judge_series,
+        lift=lift,
+    )
+    return begun
+
+
+def _begin(
+    chart: Chart,
+    integrand: Integrand,
+    cos_theta: np.ndarray,
+    phi: np.ndarray,
+    widths: np.ndarray,
+    isotropic: bool,
+    *,
+    rtol: float,
+    limit: int,
+    fine: bool = False,
+    judge_series: Callable[[Cells], None] | None = None,
+) -> Refined:
+    """The panels of all rows as cells of a first order; see `refine`."""
     n = cos_theta.size
     geometry, row, code, box = chart.panels(cos_theta, phi, widths, isotropic, fine=fine)
     per_row = np.bincount(row, minlength=n)
@@ -134,8 +196,25 @@ def refine(
     evaluate(chart, integrand, geometry, cells)
     if judge_series:
         judge_series(cells)
+    return Refined(geometry, cells, doubt, spent, np.zeros(n, dtype=int), start)
+
+
+def _go_on(
+    chart: Chart,
+    integrand: Integrand,
+    begun: Refined,
+    *,
+    rtol: float,
+    atol: float | np.ndarray,
+    limit: int,
+    slack: float | np.ndarray = 0.0,
+    judge_series: Callable[[Cells], None] | None = None,
+    lift: float = 1.0,
+) -> None:
+    """Cut and raise the cells that were begun, in place; see `refine`."""
+    geometry, cells, doubt = begun.geometry, begun.cells, begun.doubt
+    spent, n = begun.spent, begun.doubt.size
     active = np.ones(n, dtype=bool)
-    rounds = np.zeros(n, dtype=int)
     for _ in range(_ROUNDS):
         value, error, size, leaves = _sums(cells, n)
         weight = np.ones(cells.row.size)
@@ -143,14 +222,14 @@ def refine(
             weight = np.clip(size[cells.row] / np.maximum(cells.size, 1e-300), 1.0, lift)
             error = np.bincount(cells.row, weights=weight * cells.error.sum(1), minlength=n)
         rounding = _ROUNDINGS * _EPS * size
-        target = np.maximum(atol, rtol * np.abs(value))
+        target = np.maximum(atol, slack + rtol * np.abs(value))
         # Leave half of the tolerance to rounding and to the probe.
         active &= doubt * error + rounding > 0.5 * target
         if not active.any():
             break
         allowed = 0.25 * target / doubt
         budget = limit - spent - (2 * leaves + 4)
-        work = _plan(cells, weight, allowed, active, budget, spent, rounds, start)
+        work = _plan(cells, weight, allowed, active, budget, spent, begun.rounds, begun.start)
         if work.parent.size == 0:
             # Only rounding stands above what was asked for, or nothing can be paid for.
             break
@@ -160,7 +239,6 @@ def refine(
         if judge_series:
             judge_series(children)
         cells.replace(work.parent, children)
-    return Refined(geometry, cells, doubt, spent, rounds)
 
 
 def integrate(
@@ -176,6 +254,8 @@ def integrate(
     limit: int,
     probe: bool = True,
     fine: bool = False,
+    slack: float | np.ndarray = 0.0,
+    begun: Refined | None = None,
 ) -> Result:
     """Integrate over the domain of a chart, one integral per row.
 
@@ -192,13 +272,17 @@ def integrate(
         Symmetric about the plane of incidence.
     rtol : float
     atol : float or ndarray, shape (n,)
-        A row is done when its error is at most max(atol, rtol |value|).
+        A row is done when its error is at most max(atol, slack + rtol |value|).
     limit : int
         Most evaluations of the integrand per row, probes included.
     probe : bool
         Add the effect of moving every direction by an ulp to the bound.
     fine : bool
         Let the chart search finely for its panels; rows that were refused are tried again so.
+    slack : float or ndarray, shape (n,)
+        What others leave to a row, or have of it where it is negative.
+    begun : Refined, optional
+        What `look` returned for the same rows; it is changed.
 
     Returns
     -------
@@ -206,13 +290,10 @@ def integrate(
         With arrays of shape (n,).
     """
     n = cos_theta.size
-    done = refine(
-        *(chart, integrand, cos_theta, phi, widths, isotropic),
-        rtol=rtol,
-        atol=atol,
-        limit=limit,
-        fine=fine,
+    done = begun or _begin(
+        *(chart, integrand, cos_theta, phi, widths, isotropic), rtol=rtol, limit=limit, fine=fine
     )
+    _go_on(chart, integrand, done, rtol=rtol, atol=atol, limit=limit, slack=slack)
     geometry, cells, doubt, spent = done.geometry, done.cells, done.doubt, done.spent
     value, error, size, leaves = _sums(cells, n)
     if not probe:
@@ -222,7 +303,7 @@ def integrate(
         shift = probe_cells(chart, integrand, geometry, cells, n, nodes)
     spent = spent + 2 * nodes * nodes * leaves
     rounding = _ROUNDINGS * _EPS * size + 4.0 * shift
-    stopped = doubt * error + rounding <= np.maximum(atol, rtol * np.abs(value))
+    stopped = doubt * error + rounding <= np.maximum(atol, slack + rtol * np.abs(value))
     tight = np.bincount(cells.row, weights=cells.tight, minlength=n)
     # Refining where the bound is large selects as well: after a few rounds only the wide one holds.
     error = doubt * np.where(stopped | (done.rounds > _UNSELECTED), error, tight) + rounding
@@ -244,6 +325,7 @@ def integrate(
             limit=limit,
             probe=probe,
             fine=True,
+            slack=np.broadcast_to(slack, n)[refused],
         )
         again.evaluations += found.evaluations[refused]
         for name in ("value", "error", "evaluations", "converged"):
