@@ -52,8 +52,9 @@ _INNER, _FINEST = 0.06, 2e-13
 # What they leave unknown of a row is tolerated up to a share of that; then all that is next
 # to nothing is had as precisely as the rest, down to a millionth of the row.
 _COARSE, _LIFT = 0.15, 1e6
-# Sums over rings may have this share of it; slices are not cut to less than a part of a panel.
-_SHARE, _ROUNDS, _NARROWEST = 0.05, 12, 1e-6
+# Sums over rings may have this share of it; slices are not cut to less than a part of a panel,
+# to which twenty halvings lead, after a few rounds that give more nodes.
+_SHARE, _ROUNDS, _NARROWEST = 0.05, 32, 1e-6
 # What a kink that no node sees may hide in one slice, as a share of the tolerance.
 _HIDDEN = 0.001
 # Rows that no piece uses any more are kept as long as they are fewer than this share of all.
