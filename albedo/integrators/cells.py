@@ -257,10 +257,11 @@ def judge(along, weights, to_coefficients, spectrum):
     """Fill the spectrum of a marginal; return its two bounds."""
     p = along.size
     for k in range(p):
-        total = 0.0
-        for i in range(p):
-            total += along[i] * to_coefficients[i, k]
-        spectrum[k] = total
+        spectrum[k] = 0.0
+    # Nodes outside: sums side by side need no order among themselves, and are done at once.
+    for i in range(p):
+        for k in range(p):
+            spectrum[k] += along[i] * to_coefficients[i, k]
     stop, report = bounds_of(spectrum[:p])
     seen = most = 0.0
     for i in range(p):

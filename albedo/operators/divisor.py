@@ -130,18 +130,18 @@ def _curve_all(y, pieces, out):
 
 
 @kernel
-def spread(row, y, share, lowest, own_piece, at_l, pieces, matrix):
-    """Add what nodes in some rows send on to the pieces of a curve that they are divided by.
+def spread(row, piece, y, share, lowest, own_piece, at_l, pieces, matrix):
+    """Add what is sent on from some heights in some rows to the pieces of a curve that it is
+    divided by.
 
     It is the piece of V, or that of L, `own_piece` with the value `at_l`, where that is larger;
     neither where both are below `lowest`.
     """
     for i in range(y.size):
         r = row[i]
-        k, _ = _series_of(y[i], pieces, 0)
         at_v = curve_at(y[i], pieces, 0)
         if max(at_v, at_l[r]) >= lowest[i]:
-            matrix[r, own_piece[r] if at_l[r] >= at_v else k] += share[i]
+            matrix[r, own_piece[r] if at_l[r] >= at_v else piece[i]] += share[i]
 
 
 @kernel

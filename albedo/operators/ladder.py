@@ -32,7 +32,6 @@ from albedo.charts.polar import PolarChart
 from albedo.charts.rings import MIRROR, RingsChart
 from albedo.charts.tail_rings import TailRingsChart
 from albedo.errors import InputError
-from albedo.integrators.cells import rules_by_order
 from albedo.operators.divisor import CONTROLS, FLAT, TERMS, Divisor, LogCurve, spread, straight
 from albedo.operators.profiles import Profiles
 
@@ -53,10 +52,13 @@ _INNER, _FINEST = 0.06, 2e-13
 # What they leave unknown of a row is tolerated up to a share of that; then all that is next
 # to nothing is had as precisely as the rest, down to a millionth of the row.
 _COARSE, _LIFT = 0.15, 1e6
-# Sums over rings may have this share of it; slices are not cut to less than a part of a panel.
-_SHARE, _ROUNDS, _NARROWEST = 0.05, 12, 1e-6
+# Sums over rings may have this share of it; slices are not cut to less than a part of a panel,
+# to which twenty halvings lead, after a few rounds that give more nodes.
+_SHARE, _ROUNDS, _NARROWEST = 0.05, 32, 1e-6
 # What a kink that no node sees may hide in one slice, as a share of the tolerance.
 _HIDDEN = 0.001
+# Rows that no piece uses any more are kept as long as they are fewer than this share of all.
+_UNUSED = 0.1
 
 
 # What charts of lobes are as rings: their kind, and their axis.
@@ -205,7 +207,8 @@ class Ladder:
         self._cos = np.empty(0)
         self._row: dict[float, int] = {}
         self._parts: list[Profiles] = []
-        self._pieces: list[_Piece] = []
+        # How many steps are in the products of all rows.
+        self._met = 0
         self._transfer: list[np.ndarray] = []
         self._divisors: dict[int, Divisor] = {}
         self._doubts: dict[int, float] = {}
@@ -232,16 +235,9 @@ class Ladder:
         return self._divisors[steps]
 
     def _lay_out(self) -> None:
-        """Rows for the points of all pieces, with all divisors so far, and for no others."""
+        """Rows for the points of all pieces, with all divisors so far."""
         wanted = np.unique(np.concatenate([piece.y for piece in self._pieces]))
-        known = np.array([y in self._row for y in wanted.tolist()])
-        kept = np.sort([self._row[y] for y in wanted[known].tolist()]).astype(int)
-        fresh = wanted[~known]
-        if kept.size < self._cos.size:
-            number = {row: k for k, row in enumerate(kept.tolist())}
-            self._row = {y: number[row] for y, row in self._row.items() if row in number}
-            self._cos = self._cos[kept]
-            self._parts = [profiles.rows(kept) for profiles in self._parts]
+        fresh = wanted[[y not in self._row for y in wanted.tolist()]]
         if fresh.size == 0:
             return
         c = _cosines(fresh)
@@ -254,6 +250,17 @@ class Ladder:
         self._row |= {y: self._cos.size + k for k, y in enumerate(fresh.tolist())}
         self._cos = np.concatenate((self._cos, c))
 
+    def _leave_out(self) -> None:
+        """Give up the rows that are for no point of a piece, when they are many."""
+        wanted = {y for piece in self._pieces for y in piece.y.tolist()}
+        if len(wanted) > (1.0 - _UNUSED) * self._cos.size:
+            return
+        kept = np.sort([self._row[y] for y in wanted])
+        number = {row: k for k, row in enumerate(kept.tolist())}
+        self._row = {y: number[row] for y, row in self._row.items() if row in number}
+        self._cos = self._cos[kept]
+        self._parts = [profiles.rows(kept) for profiles in self._parts]
+
     def _rows(self, piece: _Piece) -> np.ndarray:
         """The rows of the nodes and of the fresh points of a piece."""
         return np.array([self._row[y] for y in piece.y.tolist()])
@@ -261,21 +268,25 @@ class Ladder:
     def _profile(self, part: Part, c: np.ndarray, lift: float = 1.0) -> Profiles:
         rtol = max(self.rtol * _INNER, _finest(part))
         profiles = Profiles.of(self.model, part, rings_of(part), c, rtol, lift)
-        for done in range(1, len(self.curves) + 1):
-            self._meet(profiles, self.divisor(done), c)
+        self._meet(profiles, c, 0)
         return profiles
 
-    def _meet(self, profiles: Profiles, divisor: Divisor, c: np.ndarray) -> None:
-        """Take the last step of a divisor into the products, and cut where its curve has kinks."""
-        curve = divisor.curves[-1]
-        profiles.multiply(curve, c, self.control == "literal")
-        levels = divisor.last_levels(c)
-        if levels.shape[1] == 0:
+    def _meet(self, profiles: Profiles, c: np.ndarray, done: int) -> None:
+        """Take all steps but so many into the products, and cut where their curves have kinks."""
+        for curve in self.curves[done:]:
+            profiles.multiply(curve, c, self.control == "literal")
+        levels = {n: self.divisor(n).last_levels(c) for n in range(done + 1, len(self.curves) + 1)}
+        levels = {n: found for n, found in levels.items() if found.shape[1]}
+        if not levels:
             return
         value, _, _ = self._sums(profiles, c)
         least = _HIDDEN * self.rtol * value
-        found = profiles.kinks(curve, levels, self.control is not None, least)
-        self._renew(profiles, profiles.cut(*found), divisor, c)
+        controlled = self.control is not None
+        found = [
+            profiles.kinks(self.curves[n - 1], at, controlled, least) for n, at in levels.items()
+        ]
+        which, place = (np.concatenate(numbers) for numbers in zip(*found, strict=True))
+        self._renew(profiles, profiles.cut(which, place), self._divisor(), c)
 
     def _renew(
         self, profiles: Profiles, fresh: np.ndarray, divisor: Divisor, c: np.ndarray
@@ -365,6 +376,11 @@ class Ladder:
 
     def step(self) -> LogCurve:
         """The curve of the present albedo; later steps divide by it."""
+        if self._met < len(self.curves):
+            self._leave_out()
+            for profiles in self._parts:
+                self._meet(profiles, self._cos, self._met)
+            self._met = len(self.curves)
         while True:
             value, own = self._values()
             fits = [self._fit(piece, np.log(value), own) for piece in self._pieces]
@@ -384,9 +400,6 @@ class Ladder:
         )
         self._transfer.append(self._shares(curve))
         self.curves.append(curve)
-        divisor = self._divisor()
-        for profiles in self._parts:
-            self._meet(profiles, divisor, self._cos)
         return curve
 
     def _shares(self, curve: LogCurve) -> np.ndarray:
@@ -402,40 +415,28 @@ class Ladder:
         found[:, sum(before) :] = np.eye(size)
         if not before:
             return found
-        parts = [profiles.rows(rows) for profiles in self._parts]
         c = self._cos[rows]
-        y_l, total = folded(c), np.zeros(rows.size)
+        y_l, mirror = folded(c), self._mirror()[0][rows]
+        control = CONTROLS.index(self.control)
         log_light = np.log(np.maximum(c, LOWEST))
-        sent = [self._sent(profiles, log_light) for profiles in parts]
-        for row, _, share, _, _ in sent:
-            total += np.bincount(row, share, rows.size)
-        mirror = self._mirror()[0][rows]
-        total += mirror
+        runs = [profiles.sent(control, log_light, rows, curve.edges) for profiles in self._parts]
+        total = mirror + sum(run.total for run in runs)
+        middle = 0.5 * (curve.edges[1:] + curve.edges[:-1])
         for earlier, transfer in zip(self.curves, self._transfer, strict=True):
             own_piece, at_l = earlier.piece(y_l), earlier.at(y_l)
             matrix = np.zeros((rows.size, earlier.error.size))
-            for row, y, share, free, lowest in sent:
-                spread(row, y, share * free, lowest, own_piece, at_l, earlier.pieces, matrix)
+            # Pieces are cut and never joined: each lies in one of an earlier curve.
+            of_earlier = earlier.piece(middle)
+            for run in runs:
+                piece = of_earlier[run.piece]
+                spread(
+                    *(run.row, piece, run.y, run.share, run.lowest),
+                    *(own_piece, at_l, earlier.pieces, matrix),
+                )
             # A mirror's light has one height.
             matrix[np.arange(rows.size), own_piece] += mirror
             found[:, : transfer.shape[1]] -= matrix / total[:, None] @ transfer
         return found
-
-    def _sent(self, profiles: Profiles, log_light: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Of all nodes: row, coordinate, the light sent on, whether the product of albedos is what
-        it is divided by, and the logarithm below which one step does not divide."""
-        s = profiles.slices
-        row = np.repeat(profiles.row[s.panel], s.order)
-        lowest, product = np.maximum(s.log_height, log_light[row]), s.log_product
-        free, least = np.ones(row.size, dtype=bool), np.full(row.size, -np.inf)
-        if self.control == "cumulative":
-            free, product = product >= lowest, np.maximum(product, lowest)
-        elif self.control == "literal":
-            least = lowest
-        _, weights, _ = rules_by_order()
-        inside = np.arange(weights.shape[1]) < s.order[:, None]
-        share = s.density * np.exp(-product) * weights[s.order][inside]
-        return row, s.y, share, free, least
 
     def doubt(self, steps: int) -> float:
         """Bound on the relative error of the divisor of so many steps, whatever L and V are."""
@@ -449,13 +450,18 @@ class Ladder:
         new = np.concatenate([FLAT * curve.error + curve.bound for curve in curves])
         edges = np.unique(np.concatenate([curve.edges for curve in curves]))
         y = 0.5 * (edges[1:] + edges[:-1])
-        rows = np.zeros((y.size, y.size, new.size))
-        for curve, transfer in zip(curves, self._transfer[:steps], strict=True):
-            value, piece = curve.at(y), curve.piece(y)
-            chosen = np.where(value[:, None] >= value[None, :], piece[:, None], piece[None, :])
-            rows[:, :, : transfer.shape[1]] += transfer[chosen]
+        passed = zip(curves, self._transfer[:steps], strict=True)
+        known = [(curve.at(y), curve.piece(y), transfer) for curve, transfer in passed]
+        worst = 0.0
+        # Pairs of heights have no order.
+        for i in range(y.size):
+            rows = np.zeros((y.size - i, new.size))
+            for value, piece, transfer in known:
+                chosen = np.where(value[i] >= value[i:], piece[i], piece[i:])
+                rows[:, : transfer.shape[1]] += transfer[chosen]
+            worst = max(worst, float((np.abs(rows) @ new).max()))
         # Within a piece an error may change its sign: no more than doubles what is left of it.
-        return 2.0 * float((np.abs(rows) @ new).max()) + self.divisor(steps).left_out
+        return 2.0 * worst + self.divisor(steps).left_out
 
     def _fit(
         self, piece: _Piece, logs: np.ndarray, own: np.ndarray

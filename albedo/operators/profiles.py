@@ -123,15 +123,19 @@ class Slices:
 
         There are no fewer new ones than old ones. Their nodes are still to be laid out.
         """
-        first = self._nodes.size + np.cumsum(order) - order
         more = panel.size - gone.size
         where = np.concatenate((gone, np.arange(self._slices.size, self._slices.size + more)))
+        # Where there is room the nodes of old slices are taken up.
+        added = order.copy()
+        added[: gone.size][order[: gone.size] <= self.order[gone]] = 0
+        first = self._nodes.size + np.cumsum(added) - added
+        first[: gone.size] = np.where(added[: gone.size], first[: gone.size], self.first[gone])
         self._slices.append(panel=panel[gone.size :])
         new = {"panel": panel, "start": start, "end": end, "order": order, "first": first}
         for name, values in new.items():
             self._slices.arrays[name][where] = values
         self._slices.arrays["stale"][where] = True
-        self._nodes.append(density=np.zeros(int(order.sum())))
+        self._nodes.append(density=np.zeros(int(added.sum())))
         return where
 
     def taken(self, which: np.ndarray) -> Slices:
@@ -152,6 +156,29 @@ class Slices:
         columns["panel"], columns["first"] = other.panel + panels, other.first + nodes
         self._slices.append(**columns)
         self._nodes.append(**{k: getattr(other, k) for k in other._nodes.arrays})
+
+
+@dataclass(frozen=True)
+class Runs:
+    """What some rows send on, added up over neighbours.
+
+    Attributes
+    ----------
+    row, piece : ndarray of int, shape (m,)
+        The row of each run, and the piece of y that holds it.
+    y, share, lowest : ndarray, shape (m,)
+        Where most of it comes from, how much is divided by the albedos alone, and the logarithm
+        below which one step does not divide.
+    total : ndarray, shape (n,)
+        All that rows send on.
+    """
+
+    row: np.ndarray
+    piece: np.ndarray
+    y: np.ndarray
+    share: np.ndarray
+    lowest: np.ndarray
+    total: np.ndarray
 
 
 @dataclass
@@ -263,6 +290,37 @@ class Profiles:
             *(curve.pieces, s.log_product),
         )
         s.stale[:] = True
+
+    def sent(
+        self, control: int, log_light: np.ndarray, rows: np.ndarray, edges: np.ndarray
+    ) -> Runs:
+        """The light that some rows send on, from all runs of nodes in one slice and one piece.
+
+        Parameters
+        ----------
+        control : int
+            See `divisor.CONTROLS`.
+        log_light : ndarray, shape (k,)
+            Log of n.l of these rows.
+        rows : ndarray of int, shape (k,)
+        edges : ndarray
+            Ends of the pieces in y, ascending.
+        """
+        s = self.slices
+        number = np.full(self.geometry.shape[0], -1)
+        number[rows] = np.arange(rows.size)
+        own = number[self.row[s.panel]]
+        slices = np.flatnonzero(own >= 0)
+        room = int(s.order[slices].sum())
+        row, piece = np.empty(room, int), np.empty(room, int)
+        y, share, lowest = np.empty(room), np.empty(room), np.empty(room)
+        total = np.zeros(rows.size)
+        count = _gather(
+            *(slices, own, s.order, s.first, s.y, s.density, s.log_height, s.log_product),
+            *(log_light, control, edges, rules_by_order()[1], row, piece, y, share, lowest, total),
+        )
+        filled = slice(count)
+        return Runs(row[filled], piece[filled], y[filled], share[filled], lowest[filled], total)
 
     def kinks(
         self, curve: LogCurve, levels: np.ndarray, controlled: bool, least: np.ndarray
@@ -460,6 +518,11 @@ def _restricted(cells: Cells, cell: np.ndarray, low: np.ndarray, high: np.ndarra
     return series
 
 
+# Legendre's recurrence, and no division in a loop.
+_DEGREE = np.arange(_TOP)
+_RISE, _FALL = (2.0 * _DEGREE + 1.0) / (_DEGREE + 1.0), (_DEGREE + 1.0) / (_DEGREE + 2.0)
+
+
 @kernel
 def _height(g, side, power, box, t):
     """Elevation of V at a place of a panel."""
@@ -513,7 +576,7 @@ def _lay_out(
             u = 2.0 * t - 1.0
             last = before = 0.0
             for m in range(length[i] - 1, 0, -1):
-                rise = (2.0 * m + 1.0) / (m + 1.0) * u * last - (m + 1.0) / (m + 2.0) * before
+                rise = _RISE[m] * u * last - _FALL[m] * before
                 last, before = series[i, m] + rise, last
             density[first[k] + j] = size * (series[i, 0] + u * last - 0.5 * before)
             e_v = _height(g, code[i, 0], code[i, 3], box[i], t)
@@ -556,6 +619,51 @@ def _sums(
             most[k] = max(most[k], scale)
         error[k], _ = judge(along[:q], weights[q, :q], matrices[q, : q * q].reshape(q, q), spectrum)
         value[k], stale[k] = spectrum[0], False
+
+
+@kernel
+def _gather(
+    slices,
+    own,
+    order,
+    first,
+    y,
+    density,
+    log_height,
+    log_product,
+    log_light,
+    control,
+    edges,
+    weights,
+    row,
+    piece,
+    place,
+    share,
+    lowest,
+    total,
+):
+    """Fill the runs of `Profiles.sent`, and add to the totals; return how many there are."""
+    count = -1
+    for k in slices:
+        r, q = own[k], order[k]
+        at, most = -1, 0.0
+        for j in range(q):
+            i = first[k] + j
+            floor = max(log_height[i], log_light[r])
+            free = control != 2 or log_product[i] >= floor
+            product = log_product[i] if free else floor
+            light = density[i] * math.exp(-product) * weights[q, j]
+            total[r] += light
+            if at < 0 or not edges[at] <= y[i] < edges[at + 1]:
+                at = min(max(np.searchsorted(edges, y[i], side="right") - 1, 0), edges.size - 2)
+                count += 1
+                row[count], piece[count], share[count], most = r, at, 0.0, -1.0
+            if abs(light) > most:
+                most, place[count] = abs(light), y[i]
+                lowest[count] = floor if control == 1 else -math.inf
+            if free:
+                share[count] += light
+    return count + 1
 
 
 @kernel
