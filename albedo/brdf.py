@@ -238,6 +238,8 @@ class Part:
     average_doubt : callable, optional
         Relative error of the albedos, from cosines and azimuths of light directions, where that
         is less than the largest of the values.
+    heights : tuple of float
+        Cosines n.v at which the values have a kink, whatever n.l is.
     routine : Routine, optional
         How to draw directions for this lobe; by default what the chart and the widths suggest.
     """
@@ -252,6 +254,7 @@ class Part:
     scale: float = 1.0
     doubt: float | Callable[[np.ndarray | None], Any] = 0.0
     average_doubt: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
+    heights: tuple[float, ...] = ()
     routine: Routine | tuple[Routine, ...] | None = None
 
     def packed(self, rows: np.ndarray) -> np.ndarray:

@@ -84,6 +84,10 @@ def smith_lambda(code, ax2, ay2, vx, vy, vz):
     return beckmann_lambda(1.0 / math.sqrt(t2))
 
 
+RATIONAL_END = (1.259 - math.sqrt(1.259**2 - 4.0 * 0.396)) / (2.0 * 0.396)
+"""Where `rational_lambda` ends: it has a kink there."""
+
+
 @kernel
 def rational_lambda(a):
     """The rational fit to `beckmann_lambda` (Walter et al. 2007, eq. 27, as 1/G1 - 1).

@@ -95,3 +95,21 @@ def test_the_doubt_of_a_divisor_takes_no_room_for_all_pairs_of_heights() -> None
     _, most = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert most < 8 * pieces * pieces * unknowns / 4
+
+
+@pytest.mark.parametrize("m", [0.1, 0.5])
+def test_curves_and_rings_end_where_masking_ends(m: float) -> None:
+    """A kink at one height, whatever the light: 1e-8 by default, on both sides of it."""
+    base = albedo.model("cook_torrance", geometry="smith_rational", m=m)
+    (part,) = base.parts()
+    (height,) = part.heights
+    beside = height * np.array([0.5, 1.0 - 1e-3, 1.0, 1.0 + 1e-3, 1.1])
+    cosines = np.concatenate(([1.0, 0.5, 1e-3, 1e-6], beside[beside < 1.0]))
+    own = albedo.directional_albedo(base, cosines, rtol=1e-8)
+    pumped = albedo.pump(base, 2)
+    found = albedo.directional_albedo(pumped, cosines)
+    assert found.converged.all()
+    first, _ = pumped.albedos
+    # The curve of the first albedo against integrals that know nothing of rings.
+    slack = (first.error + first.bound).max() * own.value + own.error
+    assert np.all(np.abs(np.exp(first.at(folded(cosines))) - own.value) <= slack)

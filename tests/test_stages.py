@@ -254,6 +254,25 @@ def test_split_panels_cover_the_same() -> None:
     np.testing.assert_allclose(table.at(wi), found[0].value, rtol=float(table.error.max()))
 
 
+@pytest.mark.parametrize(
+    ("c", "phi"), [(0.0781293, 1.06226), (0.08183, 0.27418), (0.08348, 0.27418), (0.0888, 0.05)]
+)
+def test_kinks_may_come_and_go_between_two_lines(c: float, phi: float) -> None:
+    """Cut or not, panels give one value, next to the level through a saddle of the albedo."""
+    pumped = albedo.pump(ELLIPTIC, 1)
+    (own,), (part,) = ELLIPTIC.parts(), pumped.parts()
+    p = own.packed(np.array([ELLIPTIC.pack()]))
+    integrand = ModelIntegrand(part.fill, p, np.full(1, own.scale))
+    lights, widths = (np.array([c]), np.array([phi])), np.array([own.widths])
+    found = [
+        integrate(chart, integrand, *lights, widths, False, rtol=rtol, atol=0.0, limit=4_000_000)
+        for chart, rtol in ((own.chart, 1e-7), (part.chart, 1e-9))
+    ]
+    assert all(result.converged.all() for result in found)
+    slack = found[0].error + found[1].error
+    assert np.all(np.abs(found[0].value - found[1].value) <= slack)
+
+
 def test_what_tables_err_by_is_in_the_bound() -> None:
     rough = albedo.directional_albedo(albedo.pump(UPRIGHT, 2, rtol=1e-3), COSINES, rtol=0.1)
     exact = albedo.directional_albedo(albedo.pump(UPRIGHT, 2), COSINES, rtol=1e-4)

@@ -20,6 +20,7 @@ from albedo.geometry import v_dot_h
 from albedo.microfacet import (
     DISTRIBUTIONS,
     GEOMETRIES,
+    RATIONAL_END,
     distribution,
     masking_lambda,
     smith_lambda,
@@ -255,8 +256,19 @@ class CookTorrance(FresnelChoice):
             chart = TailRingsChart()
         known = self._exact_masking and self.prefactor == "1/4" and not self._as_printed
         whole = PolarChart("slope", kinks, kind, edge, origin, full=True)
-        lost = loss if known else None
-        return (Part("specular", fill, chart, (ax, ay), lost, whole, routine=self._routine()),)
+        lost, routine = loss if known else None, self._routine()
+        heights = self._heights()
+        return (
+            Part("specular", fill, chart, (ax, ay), lost, whole, heights=heights, routine=routine),
+        )
+
+    def _heights(self) -> tuple[float, ...]:
+        """Where the rational fit to the masking ends, if that is a ring."""
+        if self.geometry != "smith_rational" or not self.isotropic:
+            return ()
+        slope_x = self.pack()[5]
+        tangent = 1.0 / (RATIONAL_END * math.sqrt(slope_x))
+        return (1.0 / math.sqrt(1.0 + tangent * tangent),)
 
     def _routine(self) -> Routine:
         """Visible normals where the masking is Smith's own, else normals."""

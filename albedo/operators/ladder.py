@@ -84,6 +84,16 @@ class _Both:
         return np.column_stack((self.first(cos_light), self.second(cos_light)))
 
 
+@dataclass(frozen=True)
+class _Heights:
+    """Levels that are the same for all light."""
+
+    heights: tuple[float, ...]
+
+    def __call__(self, cos_light: np.ndarray) -> np.ndarray:
+        return np.tile(self.heights, (cos_light.size, 1))
+
+
 def rings_of(part: Part, levels: Any = None) -> RingsChart:
     """The chart of rings for a part of an isotropic model.
 
@@ -100,6 +110,9 @@ def rings_of(part: Part, levels: Any = None) -> RingsChart:
         For parts with other charts.
     """
     chart = part.chart
+    if part.heights:
+        own = _Heights(part.heights)
+        levels = own if levels is None else _Both(own, levels)
     if isinstance(chart, RingsChart):
         # A part that was pumped up before has kinks already.
         if chart.levels is None or levels is None:
@@ -213,7 +226,9 @@ class Ladder:
         self._divisors: dict[int, Divisor] = {}
         self._doubts: dict[int, float] = {}
         far, near = np.linspace(FIRST, -4.0, 7), np.linspace(0.0, LAST, 4)
-        start = np.concatenate((far, (-2.0, -1.0), near))
+        # What has a kink for all light has one in its albedo.
+        heights = [height for part in model.parts() for height in part.heights]
+        start = np.unique(np.concatenate((far, (-2.0, -1.0), near, folded(np.array(heights)))))
         self._pieces = [_Piece.new(a, b, 0) for a, b in itertools.pairwise(start.tolist())]
         self._lay_out()
 

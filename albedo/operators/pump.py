@@ -231,6 +231,8 @@ class Pumped(Model):
                     loss_chart=None,
                     doubt=doubt,
                     average_doubt=self._average(steps, part, doubt),
+                    # Its chart has them.
+                    heights=(),
                     routine=routines_of(part),
                 )
             )
