@@ -8,7 +8,11 @@ substitution tan(chi/2) = k tan(f) makes a trigonometric polynomial of a lobe 1/
     d(chi)/(w^2 + a + B sin(chi/2)^2)^2 = 2 k (cos(f)^2 + k^2 sin(f)^2)/(w^2 + a)^2 df,
 
 however narrow it is, and however near to the horizon. So the core of a ring needs few nodes. Its
-tail, where H is far from N, is a panel of its own, in the logarithm of tan(chi/4).
+tail, where H is far from N, is a panel of its own, in the logarithm of tan(chi/4): at
+tan(chi/2) = +-i, as near to f = pi/2 as k is small, a Fresnel factor has poles. Where the lobe is
+about as wide as the ring, they are far, and a ring is a single panel. Without the width k is
+tan(D/2)/tan(theta + D/2), theta being the polar angle of L: so it is next to N, and far below an R
+that is near to N.
 
 A Fresnel factor is steep in both logarithms at grazing incidence: in the azimuth of L the power
 (1 - v.h)^5 is the tenth power of a height, and 1 - (1 - v.h)^5 begins linearly at the tip of the
@@ -32,10 +36,12 @@ from albedo.charts.rings import elevation, stretched
 
 # Most e-folds of a panel in the tail of a ring. Measured, as are the other numbers here.
 _TAIL_FOLDS = 7.0
-# Most e-folds of a panel in height; the core of a narrow lobe ends where tan(f) is the inverse of
-# the next number, of a wide one sooner; and tan(chi/2) goes so far beyond it in the tail, or on to
-# pi (0). Lobes that are steep have their own numbers where L stands lower than that.
-_GENTLE, _STEEP, _GRAZING = (6.0, 1.0 / 64.0, 0.0), (7.0, 0.0, 0.35), 0.03
+# Most e-folds of a panel in height, and how far beyond the core tan(chi/2) goes in the tail of a
+# ring (0: on to chi = pi). Lobes that are steep have their own numbers where L stands lower than
+# that.
+_GENTLE, _STEEP, _GRAZING = (6.0, 0.0), (7.0, 0.35), 0.03
+# From this k on a ring has no tail.
+_ROUND = 0.4
 # The span of a steep lobe next to the zenith: its share of all heights, or so many widths, unless
 # these are too many.
 _TOP, _WIDTHS, _MOST = math.exp(-5.0), 8.0, 0.08
@@ -103,7 +109,7 @@ def _ring(g, n_v, s_v, below):
     height, half = g[0] + n_v, math.tan(0.5 * below)
     peak = g[6] * g[6] + half * half
     k = math.sqrt(peak / (peak + 4.0 * g[1] * s_v / (height * height)))
-    return k, 1.0 / (g[12] + math.sqrt(math.sqrt(peak)))
+    return k, 1.0 / math.sqrt(math.sqrt(peak + k * k))
 
 
 @kernel
@@ -116,7 +122,7 @@ def _quarter(q):
 def _tail(g, k, edge):
     """Where the tail of a ring begins and ends, in the logarithm of tan(chi/4)."""
     q = k * edge
-    return _quarter(q), _quarter(q + g[13]) if g[13] > 0.0 else 0.0
+    return _quarter(q), _quarter(q + g[12]) if g[12] > 0.0 else 0.0
 
 
 @kernel
@@ -129,21 +135,39 @@ def _foot(g):
 
 
 @kernel
+def _round(g):
+    """How far below R the k of a lobe without width comes to `_ROUND`; pi where it never does.
+
+    A quadratic equation in tan(D/2), by its smaller root.
+    """
+    rest = (1.0 - _ROUND) * g[0]
+    square = rest * rest - 4.0 * _ROUND * g[1] * g[1]
+    if square < 0.0:
+        return math.pi
+    return 2.0 * math.atan(2.0 * _ROUND * g[1] / (rest + math.sqrt(square)))
+
+
+@kernel
 def _heights(g, span):
-    """One of four spans of heights: its side, and the ends of the variable of `_height`."""
+    """One of five spans of heights: its side, and the ends of the variable of `_height`."""
     foot, top = _foot(g), 0.5 * math.pi
     side, first = (2, 0.0) if foot > 0.0 else (1, stretched(g, 1, g[6]))
-    if span < 2:
-        if foot > 0.0:
-            return span, 0.0, stretched(g, span, 0.5 * g[4])
-        return 1, 0.0, first if span == 1 else 0.0
-    if g[13] > 0.0:
+    if span < 3:
+        if foot == 0.0:
+            return 1, 0.0, first if span == 2 else 0.0
+        if span == 2:
+            return 1, 0.0, stretched(g, 1, 0.5 * g[4])
+        middle = stretched(g, 0, g[4] - min(_round(g), 0.5 * g[4]))
+        if span == 0:
+            return 0, 0.0, middle
+        return 0, middle, stretched(g, 0, 0.5 * g[4])
+    if g[12] > 0.0:
         near = max(_TOP * (top - foot), _WIDTHS * g[6])
         if near < _MOST * (top - foot):
-            if span == 3:
+            if span == 4:
                 return 3, near**0.25, (top - foot) ** 0.25
             top = foot + near
-    return side, first, stretched(g, side, top) if span == 2 else first
+    return side, first, stretched(g, side, top) if span == 3 else first
 
 
 @kernel
@@ -161,7 +185,7 @@ def _panels(geometry, coarse, row, code, box):
     count = 0
     for i in range(geometry.shape[0]):
         g = geometry[i]
-        for span in range(4):
+        for span in range(5):
             side, first, last = _heights(g, span)
             if not last > first:
                 continue
@@ -172,20 +196,22 @@ def _panels(geometry, coarse, row, code, box):
                 v1 = first + (last - first) * (piece + 1) / pieces
                 turns = parts = 0
                 if not coarse:
-                    longest = 0.0
+                    longest, least = 0.0, 1.0
                     for v in (v0, 0.5 * (v0 + v1), v1):
                         e_v, below, _ = _height(g, side, v)
                         k, edge = _ring(g, math.sin(e_v), math.cos(e_v), below)
                         begin, end = _tail(g, k, edge)
-                        longest = max(longest, end - begin)
-                    turns = max(1, math.ceil(longest / _TAIL_FOLDS))
-                    parts = turns + 1 if g[13] > 0.0 else turns
+                        longest, least = max(longest, end - begin), min(least, k)
+                    # One span begins at `_ROUND`, up to roundings.
+                    if least < 0.999 * _ROUND:
+                        turns = max(1, math.ceil(longest / _TAIL_FOLDS))
+                        parts = turns + 1 if g[12] > 0.0 else turns
                 if count + 1 + parts > row.size:
                     return -1
                 for turn in range(1 + parts):
                     row[count] = i
                     code[count, 0], code[count, 1] = side, min(turn, 1)
-                    code[count, 2] = _ALL if coarse else min(turn, 1)
+                    code[count, 2] = _ALL if parts == 0 else min(turn, 1)
                     if turn > turns:
                         code[count, 2] = _FAR
                     box[count, 0], box[count, 1] = 0.0, 1.0
@@ -216,7 +242,7 @@ def _nodes(geometry, code, box, u, v, numbers, wi, wo, h, weight):
             elif part == _TAIL:
                 begin, end = _tail(g, k, edge)
             elif part == _FAR:
-                begin = math.atan(k * edge + g[13])
+                begin = math.atan(k * edge + g[12])
             # Both halves of the ring.
             ring = 2.0 * n_v * s_v * slope * (v1 - v0) * (u1 - u0) * (end - begin)
             for iu in range(u.size):
