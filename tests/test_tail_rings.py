@@ -147,7 +147,7 @@ def test_operators_and_draws_know_the_lobe() -> None:
     [
         ("plain", "1", 10_000),
         ("shadowed", "1", 10_000),
-        ("residual", "1", 14_000),
+        ("residual", "1", 10_500),
         ("residual", "2", 20_000),
     ],
 )

@@ -224,14 +224,22 @@ class CookTorrance(FresnelChoice):
         else:
             more = 1.0 if self._as_printed else 2.0
             scale = math.sqrt((ax + more) * (ay + more)) / (2.0 * math.pi)
+        slope_x, slope_y = self._slopes
         widths = self.distribution in _WIDTHS
-        slope_x, slope_y = (ax * ax, ay * ay) if widths else (2.0 / (ax + 2.0), 2.0 / (ay + 2.0))
         kx, ky = (1.0 / slope_x, 1.0 / slope_y) if widths else (ax, ay)
         return (
             *(DISTRIBUTIONS[self.distribution], GEOMETRIES[self.geometry], kx, ky, scale),
             *(slope_x, slope_y, 0.25 if self.prefactor == "1/4" else 1.0),
             *self.pack_fresnel(),
         )
+
+    @property
+    def _slopes(self) -> tuple[float, float]:
+        """Squares of the widths, in slopes, that masking knows."""
+        ax, ay = self._sharpness
+        if self.distribution in _WIDTHS:
+            return ax * ax, ay * ay
+        return 2.0 / (ax + 2.0), 2.0 / (ay + 2.0)
 
     def parts(self) -> tuple[Part, ...]:
         ax, ay = self._sharpness
@@ -266,8 +274,7 @@ class CookTorrance(FresnelChoice):
         """Where the rational fit to the masking ends, if that is a ring."""
         if self.geometry != "smith_rational" or not self.isotropic:
             return ()
-        slope_x = self.pack()[5]
-        tangent = 1.0 / (RATIONAL_END * math.sqrt(slope_x))
+        tangent = 1.0 / (RATIONAL_END * math.sqrt(self._slopes[0]))
         return (1.0 / math.sqrt(1.0 + tangent * tangent),)
 
     def _routine(self) -> Routine:
