@@ -23,8 +23,8 @@ TERMS = 18
 """Coefficients of a piece; the last ones are 0 where it has fewer."""
 # Series are read as polynomials of few terms on even parts of their pieces, as many as it takes for
 # all other terms to sum to no more than this share of the curve's error.
-_FEW, _LEFT_OUT = 8, 0.01
-_PARTS = (1, 2, 4, 8, 16, 32)
+FEW, _LEFT_OUT = 8, 0.01
+PARTS = (1, 2, 4, 8, 16, 32)
 # Even cells of y, in which pieces are looked up.
 _CELLS = 256
 # Samples of a piece in the search for extrema.
@@ -169,7 +169,7 @@ def packed(curves: Sequence[LogCurve]) -> Pieces:
     """
     if not curves:
         whole = np.zeros(1, dtype=int)
-        return np.zeros(2), whole, whole, whole + 1, np.zeros((1, _FEW)), np.zeros((0, 1), int)
+        return np.zeros(2), whole, whole, whole + 1, np.zeros((1, FEW)), np.zeros((0, 1), int)
     begin, first = 0, np.zeros((len(curves), _CELLS + 2), dtype=int)
     for j, curve in enumerate(curves):
         cells = np.empty(curve.error.size, dtype=int)
@@ -212,9 +212,9 @@ class Polynomials:
         m = allowed.size
         parts, left_out = np.ones(m, dtype=int), np.full(m, np.inf)
         blocks: list[np.ndarray] = [np.empty(0)] * m
-        for count in _PARTS:
+        for count in PARTS:
             open_ = np.flatnonzero(left_out > allowed)
-            kept, others = _on_parts(count)
+            kept, others = on_parts(count, TERMS)
             left_out[open_] = np.abs(coefficients[open_] @ others).sum(2).max(0, initial=0.0)
             parts[open_] = count
             for k in open_.tolist():
@@ -223,19 +223,19 @@ class Polynomials:
 
 
 @cache
-def _on_parts(count: int) -> tuple[np.ndarray, np.ndarray]:
+def on_parts(count: int, terms: int) -> tuple[np.ndarray, np.ndarray]:
     """Matrices from a Chebyshev series to even parts: powers, and what is not among them.
 
-    Their shapes are (parts, 18, 8) and (parts, 18, 10).
+    Their shapes are (parts, terms, 8) and (parts, terms, terms - 8).
     """
-    t = chebyshev.chebpts1(TERMS)
-    to_series = np.linalg.inv(chebyshev.chebvander(t, TERMS - 1)).T
-    powers = np.zeros((_FEW, _FEW))
-    for k in range(_FEW):
-        powers[k, : k + 1] = chebyshev.cheb2poly(np.eye(_FEW)[k, : k + 1])
+    t = chebyshev.chebpts1(terms)
+    to_series = np.linalg.inv(chebyshev.chebvander(t, terms - 1)).T
+    powers = np.zeros((FEW, FEW))
+    for k in range(FEW):
+        powers[k, : k + 1] = chebyshev.cheb2poly(np.eye(FEW)[k, : k + 1])
     u = 2.0 * (np.arange(count)[:, None] + 0.5 * (t + 1.0)) / count - 1.0
-    local = chebyshev.chebvander(u, TERMS - 1).transpose(0, 2, 1) @ to_series
-    return local[:, :, :_FEW] @ powers, local[:, :, _FEW:]
+    local = chebyshev.chebvander(u, terms - 1).transpose(0, 2, 1) @ to_series
+    return local[:, :, :FEW] @ powers, local[:, :, FEW:]
 
 
 @dataclass(frozen=True, eq=False)

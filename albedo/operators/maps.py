@@ -25,7 +25,7 @@ from albedo._compile import inlined, kernel
 from albedo.brdf import Model
 from albedo.charts.heights import FIRST, LAST, LOWEST, fold_vector, folded, unfolded
 from albedo.errors import InputError
-from albedo.operators.divisor import CONTROLS
+from albedo.operators.divisor import CONTROLS, FEW, PARTS, on_parts
 from albedo.quadrature import albedo_rows
 
 # Nodes along y, and the numbers of them that there may be along w.
@@ -50,6 +50,9 @@ STARTS = (FIRST, -18.0, -8.0, -4.5, -2.0, -0.8, 0.0, LAST - 0.25 * math.pi, 0.65
 # A logarithm that errs by more tells nothing, and its exponential is no number.
 HOPELESS = 700.0
 _QUARTER, _WHOLE = 0.5 * math.pi, 2.0 * math.pi
+# Even cells of y and of w in which rectangles are looked up, and their ranges.
+_CELLS = 64
+_RANGES = (FIRST, LAST), (-1.0, 1.0), (0.0, _WHOLE)
 _SYMMETRY_CHECKS = 12
 
 
@@ -452,7 +455,11 @@ class Maps:
 
     @cached_property
     def known(self) -> tuple[np.ndarray, ...]:
-        """All tables as one: where their trees begin, whether a quarter is all, and the trees."""
+        """All tables as one.
+
+        Nodes of their trees for even cells, whether a quarter is all, the trees, the rectangles,
+        and what `_patches` makes of their series.
+        """
         tables = self.tables
         nodes = np.cumsum([0, *(table.axis.size for table in tables)])
         leaves = np.cumsum([0, *(table.error.size for table in tables)])
@@ -465,13 +472,15 @@ class Maps:
             np.concatenate([getattr(table, k) for table in tables])
             for k in ("axis", "split", "box", "warp", "error")
         )
-        turns = max(table.series.shape[1] for table in tables)
+        turns = max(FEW, *(table.series.shape[1] for table in tables))
         series = np.zeros((error.size, turns, _ORDER))
         for table, leaf in zip(tables, leaves[:-1], strict=True):
             series[leaf : leaf + table.error.size, : table.series.shape[1]] = table.series
-        size = _sizes(series, error)
+        parts, terms = _patches(series, error)
+        start = np.cumsum(parts.prod(1)) - parts.prod(1)
         trees = axis, split, np.concatenate(child)
-        return nodes[:-1], quarter, *trees, box, warp, size, series
+        cells = [_cells(root, quarter[j], *trees) for j, root in enumerate(nodes[:-1].tolist())]
+        return np.stack(cells), quarter, *trees, box, warp, parts, start, terms
 
     @cached_property
     def errors(self) -> tuple[float, ...]:
@@ -497,14 +506,60 @@ class Maps:
         return found
 
 
-def _sizes(series: np.ndarray, error: np.ndarray) -> np.ndarray:
-    """How many terms of series are needed, along w and along y: (m, 2)."""
-    modulus = np.abs(series)
-    found = np.empty((len(series), 2), int)
-    for side in (0, 1):
-        rows = modulus.sum(2 - side)
-        beyond = np.cumsum(rows[:, ::-1], axis=1)[:, ::-1]
-        found[:, side] = np.maximum((beyond > 0.5 * _SHARE * error[:, None]).sum(1), 1)
+def _patches(series: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Series on even parts of their rectangles, by eight powers of both variables.
+
+    Returns
+    -------
+    parts : ndarray, shape (m, 2)
+        How many along w and along y.
+    terms : ndarray, shape (all parts, 8, 8)
+        Parts along y follow each other.
+    """
+    parts, terms = np.empty((len(series), 2), int), []
+    for k, (one, worth) in enumerate(zip(series, error, strict=True)):
+        allowed = 0.5 * _SHARE * worth
+        along, parts[k, 1] = _halved(one, allowed)
+        # Terms along w last, as those along y were.
+        both, parts[k, 0] = _halved(along.transpose(0, 2, 1).reshape(-1, len(one)), allowed, FEW)
+        shape = parts[k, 0], parts[k, 1], FEW, FEW
+        terms.append(both.reshape(shape).transpose(0, 1, 3, 2).reshape(-1, FEW, FEW))
+    return parts, np.concatenate(terms)
+
+
+def _halved(
+    series: np.ndarray, allowed: float, together: int | None = None
+) -> tuple[np.ndarray, int]:
+    """Chebyshev series (n, terms) on as few even parts as leave out what is allowed, and how many.
+
+    What so many of them leave out is summed, or what all do. The shape is (parts, n, 8).
+    """
+    for count in PARTS:
+        kept, others = on_parts(count, series.shape[1])
+        lost = np.abs(series @ others).sum(2)
+        if lost.reshape(count, -1, together or len(series)).sum(2).max(initial=0.0) <= allowed:
+            break
+    return series @ kept, count
+
+
+def _cells(
+    root: int, quarter: bool, axis: np.ndarray, split: np.ndarray, child: np.ndarray
+) -> np.ndarray:
+    """The nodes of a tree that hold even cells of y and w as a whole."""
+    found = np.empty((_CELLS + 1, _CELLS + 1), int)
+    waiting = [(root, 0, _CELLS + 1, 0, _CELLS + 1)]
+    while waiting:
+        node, a, b, c, d = waiting.pop()
+        found[a:b, c:d] = node
+        if axis[node] < 0 or a >= b or c >= d:
+            continue
+        cell = _cell_of(split[node], *_RANGES[0 if axis[node] == 0 else 1 if quarter else 2])
+        low, high = child[node]
+        # The cell with the cut in it stays with the node.
+        if axis[node] == 0:
+            waiting += [(low, a, min(b, cell), c, d), (high, max(a, cell + 1), b, c, d)]
+        else:
+            waiting += [(low, a, b, c, min(d, cell)), (high, a, b, max(c, cell + 1), d)]
     return found
 
 
@@ -526,9 +581,16 @@ def _across(x, y, quarter):
 
 
 @inlined
-def _leaf(height, place, root, axis, split, child):
-    """The number of the rectangle that holds a place."""
-    node = root
+def _cell_of(x, low, high):
+    """Which of even cells holds x."""
+    return int((min(max(x, low), high) - low) * (_CELLS / (high - low)))
+
+
+@inlined
+def _leaf(height, place, j, cells, quarter, axis, split, child):
+    """The number of the rectangle of table j that holds a place."""
+    low, high = (-1.0, 1.0) if quarter[j] else (0.0, _WHOLE)
+    node = cells[j, _cell_of(height, FIRST, LAST), _cell_of(place, low, high)]
     while axis[node] >= 0:
         along = height if axis[node] == 0 else place
         node = child[node, 0] if along < split[node] else child[node, 1]
@@ -536,58 +598,62 @@ def _leaf(height, place, root, axis, split, child):
 
 
 @inlined
-def albedos_at(x, y, z, roots, quarter, axis, split, child, box, warp, size, series, room, out):
-    """Fill the logarithms of the albedos of all steps for one direction.
+def _on_part(x, low, high, parts):
+    """Which of the even parts of an interval holds x, and the variable of its powers."""
+    at = parts * ((min(max(x, low), high) - low) / (high - low))
+    part = min(int(at), parts - 1)
+    return part, 2.0 * (at - part) - 1.0
 
-    `room` holds as many numbers as a series has along y.
-    """
+
+@inlined
+def albedos_at(x, y, z, cells, quarter, axis, split, child, box, warp, parts, start, terms, out):
+    """Fill the logarithms of the albedos of all steps for one direction."""
     height = fold_vector(x, y, z)
-    for j in range(roots.size):
+    for j in range(cells.shape[0]):
         place = _across(x, y, quarter[j])
-        k = _leaf(height, place, roots[j], axis, split, child)
+        k = _leaf(height, place, j, cells, quarter, axis, split, child)
         if warp[k] > 0.0:
             place = warped(place, warp[k])
-        a, b, c, d = box[k, 0], box[k, 1], box[k, 2], box[k, 3]
-        inside, within = min(max(height, a), b), min(max(place, c), d)
-        u = 2.0 * ((inside - a) - (b - inside)) / (b - a)
-        v = 2.0 * ((within - c) - (d - within)) / (d - c)
-        # Term by term along w, all those along y at once; u and v are twice the variables.
-        for m in range(_ORDER):
-            room[m] = series[k, 0, m]
-        before, present = 1.0, 0.5 * v
-        for n in range(1, size[k, 0]):
-            for m in range(_ORDER):
-                room[m] += present * series[k, n, m]
-            before, present = present, v * present - before
-        total = last = 0.0
-        for m in range(size[k, 1] - 1, 0, -1):
-            total, last = u * total + (room[m] - last), total
-        out[j] = 0.5 * u * total - last + room[0]
+        first, v = _on_part(place, box[k, 2], box[k, 3], parts[k, 0])
+        second, u = _on_part(height, box[k, 0], box[k, 1], parts[k, 1])
+        i = start[k] + first * parts[k, 1] + second
+        # Not one chain of products, in which each waits for the one before.
+        square, total = u * u, 0.0
+        for n in range(FEW - 1, -1, -1):
+            low = (terms[i, n, 0] + terms[i, n, 1] * u) + (
+                terms[i, n, 2] + terms[i, n, 3] * u
+            ) * square
+            high = (terms[i, n, 4] + terms[i, n, 5] * u) + (
+                terms[i, n, 6] + terms[i, n, 7] * u
+            ) * square
+            total = total * v + (low + high * (square * square))
+        out[j] = total
 
 
 @kernel
-def _albedos_all(wi, roots, quarter, axis, split, child, box, warp, size, series, out):
-    known = roots, quarter, axis, split, child, box, warp, size, series
-    room = np.empty(series.shape[2])
+def _albedos_all(wi, cells, quarter, axis, split, child, box, warp, parts, start, terms, out):
+    known = cells, quarter, axis, split, child, box, warp, parts, start, terms
     for i in range(out.shape[0]):
-        albedos_at(wi[i, 0], wi[i, 1], wi[i, 2], *known, room, out[i])
+        albedos_at(wi[i, 0], wi[i, 1], wi[i, 2], *known, out[i])
 
 
 @kernel
-def _divide(wi, wo, roots, quarter, axis, split, child, box, warp, size, series, control, out):
-    at_l, at_v = np.empty(roots.size), np.empty(roots.size)
-    known = roots, quarter, axis, split, child, box, warp, size, series
-    room = np.empty(series.shape[2])
+def _divide(
+    wi, wo, cells, quarter, axis, split, child, box, warp, parts, start, terms, control, out
+):
+    steps = cells.shape[0]
+    at_l, at_v = np.empty(steps), np.empty(steps)
+    known = cells, quarter, axis, split, child, box, warp, parts, start, terms
     for k in range(out.shape[0]):
         lz = max(wi[2, k], LOWEST)
-        albedos_at(wi[0, k], wi[1, k], wi[2, k], *known, room, at_l)
+        albedos_at(wi[0, k], wi[1, k], wi[2, k], *known, at_l)
         for i in range(out.shape[1]):
             vz = wo[2, k, i]
             if not vz > 0.0:
                 continue
-            albedos_at(wo[0, k, i], wo[1, k, i], vz, *known, room, at_v)
+            albedos_at(wo[0, k, i], wo[1, k, i], vz, *known, at_v)
             product = 0.0
-            for j in range(roots.size):
+            for j in range(steps):
                 step = max(at_v[j], at_l[j])
                 if control == 1:
                     step = max(step, math.log(max(vz, lz)))
@@ -598,27 +664,26 @@ def _divide(wi, wo, roots, quarter, axis, split, child, box, warp, size, series,
 
 
 @kernel
-def _weigh(wi, wo, roots, quarter, axis, split, child, box, warp, size, series, error, out):
+def _weigh(wi, wo, cells, quarter, axis, split, child, box, warp, parts, start, terms, error, out):
     """Multiply values by what the divisor may err by: of each step, the side that is larger."""
-    steps = roots.size
+    steps = cells.shape[0]
     at_l, at_v, of_l = np.empty(steps), np.empty(steps), np.empty(steps)
-    known = roots, quarter, axis, split, child, box, warp, size, series
-    room = np.empty(series.shape[2])
+    known = cells, quarter, axis, split, child, box, warp, parts, start, terms
+    tree = cells, quarter, axis, split, child
     for k in range(out.shape[0]):
         x, y, z = wi[0, k], wi[1, k], wi[2, k]
-        albedos_at(x, y, z, *known, room, at_l)
+        albedos_at(x, y, z, *known, at_l)
         height = fold_vector(x, y, z)
         for j in range(steps):
-            of_l[j] = error[_leaf(height, _across(x, y, quarter[j]), roots[j], axis, split, child)]
+            of_l[j] = error[_leaf(height, _across(x, y, quarter[j]), j, *tree)]
         for i in range(out.shape[1]):
             x, y, z = wo[0, k, i], wo[1, k, i], wo[2, k, i]
             if not z > 0.0:
                 continue
-            albedos_at(x, y, z, *known, room, at_v)
+            albedos_at(x, y, z, *known, at_v)
             height, total = fold_vector(x, y, z), 0.0
             for j in range(steps):
-                place = _across(x, y, quarter[j])
-                of_v = error[_leaf(height, place, roots[j], axis, split, child)]
+                of_v = error[_leaf(height, _across(x, y, quarter[j]), j, *tree)]
                 apart, near = at_v[j] - at_l[j], of_v + of_l[j]
                 if apart > near:
                     total += of_v

@@ -118,20 +118,20 @@ def _line(base, g, code, box, u, v, wi, wo, h, weight):
 
 
 @kernel
-def _signs(wi, wo, i, at_v, at_l, known, control, series, out):
+def _signs(wi, wo, i, at_v, at_l, known, control, out):
     """The functions that change their signs, for V at a node of a line."""
     vz = max(wo[2, 0, i], LOWEST)
-    albedos_at(wo[0, 0, i], wo[1, 0, i], wo[2, 0, i], *known, series, at_v)
+    albedos_at(wo[0, 0, i], wo[1, 0, i], wo[2, 0, i], *known, at_v)
     changes_at(at_l, at_v, max(wi[2, 0], LOWEST), vz, control, out)
 
 
 @kernel
 def _at(base, g, code, box, u, t, known, control, at_l, room, out):
     """Fill the functions that change their signs at one place of a line."""
-    one, wi, wo, h, weight, at_v, series = room
+    one, wi, wo, h, weight, at_v = room
     one[0] = t
     _line(base, g, code, box, u, one, wi, wo, h, weight)
-    _signs(wi, wo, 0, at_v, at_l, known, control, series, out)
+    _signs(wi, wo, 0, at_v, at_l, known, control, out)
 
 
 @kernel
@@ -157,15 +157,14 @@ def _places(base, g, code, box, u, known, control, changes, at_l, weak, counting
     looks, wi = np.empty(_LOOKS), np.empty((3, 1))
     views, sums, weights = np.empty((3, 1, _LOOKS)), np.empty((3, 1, _LOOKS)), np.empty((1, _LOOKS))
     at_v, here, seen = np.empty(at_l.size), np.empty(changes), np.empty((changes, _LOOKS))
-    series, h = np.empty(known[-1].shape[2]), np.empty((3, 1, 1))
-    one = np.empty(1), wi, np.empty((3, 1, 1)), h, np.empty((1, 1)), at_v, series
+    one = np.empty(1), wi, np.empty((3, 1, 1)), np.empty((3, 1, 1)), np.empty((1, 1)), at_v
     for look in range(_LOOKS):
         # Closer at both ends, where places come and go.
         sine = math.sin(0.5 * math.pi * look / (_LOOKS - 1))
         looks[look] = min(max(sine * sine, _NEAR), 1.0 - _NEAR)
     _line(base, g, code, box, u, looks, wi, views, sums, weights)
     for look in range(_LOOKS):
-        _signs(wi, views, look, at_v, at_l, known, control, series, here)
+        _signs(wi, views, look, at_v, at_l, known, control, here)
         for j in range(changes):
             seen[j, look] = here[j]
     count, pattern = 0, 0
@@ -276,8 +275,8 @@ def _base_of(code, box, k, code_1, box_1):
 @kernel
 def _split(base, geometry, row, code, box, coarse, *rest):
     """Fill row, code and box of what panels are cut into; return their number, or -1."""
-    known, (control, changes, weak, new_row, new_code, new_box) = rest[:9], rest[9:]
-    at_l, series = np.empty(known[0].size), np.empty(known[-1].shape[2])
+    known, (control, changes, weak, new_row, new_code, new_box) = rest[:10], rest[10:]
+    at_l = np.empty(known[0].shape[0])
     one, wi = np.empty(1), np.empty((3, 1))
     wo, h, weight = np.empty((3, 1, 1)), np.empty((3, 1, 1)), np.empty((1, 1))
     # Pieces that wait: their ends in u, at which of them nodes are clustered, and their places.
@@ -290,7 +289,7 @@ def _split(base, geometry, row, code, box, coarse, *rest):
         g, code_1, box_1 = geometry[row[k] : row[k] + 1], code[k : k + 1], box[k : k + 1]
         one[0] = 0.5
         _line(base, g, code_1, box_1, one, one, wi, wo, h, weight)
-        albedos_at(wi[0, 0], wi[1, 0], wi[2, 0], *known, series, at_l)
+        albedos_at(wi[0, 0], wi[1, 0], wi[2, 0], *known, at_l)
         panel = base, g, code_1, box_1
         divisor = known, control, changes, at_l, weak
         lows[0], highs[0], flags[0], kinds[0], patterns[0], top = 0.0, 1.0, 0, 0, 0, 1
