@@ -181,8 +181,16 @@ def _places(base, g, code, box, u, known, control, changes, at_l, weak, counting
                 a, b, fa, fb = looks[before], looks[i], seen[j, before], seen[j, i]
                 x = 0.5 * (a + b)
                 if not counting:
+                    # A third look, beyond the side that the search sets out from.
+                    c, fc = a, fa
+                    if before > 0:
+                        c, fc = looks[before - 1], seen[j, before - 1]
+                    elif i + 1 < _LOOKS:
+                        a, b, fa, fb = b, a, fb, fa
+                        c, fc = looks[i + 1], seen[j, i + 1]
                     x = _root(
-                        *(a, b, fa, fb, j, base, g, code, box, u, known, control, at_l, one, here)
+                        *(a, b, c, fa, fb, fc, j, base, g, code, box, u, known, control, at_l),
+                        *(one, here),
                     )
                 count = _keep(places, count, x)
                 pattern += mark
@@ -210,12 +218,12 @@ def _places(base, g, code, box, u, known, control, changes, at_l, weak, counting
                     first, second = a, c
                     if not counting:
                         first = _root(
-                            *(a, x, fa, fx, j, base, g, code, box, u, known, control, at_l),
-                            *(one, here),
+                            *(a, x, a, fa, fx, fa, j, base, g, code, box, u, known, control),
+                            *(at_l, one, here),
                         )
                         second = _root(
-                            *(x, c, fx, fc, j, base, g, code, box, u, known, control, at_l),
-                            *(one, here),
+                            *(x, c, x, fx, fc, fx, j, base, g, code, box, u, known, control),
+                            *(at_l, one, here),
                         )
                     count = _keep(places, _keep(places, count, first), second)
                     pattern += 2 * mark
@@ -233,13 +241,23 @@ def _places(base, g, code, box, u, known, control, changes, at_l, weak, counting
 
 
 @kernel
-def _root(a, b, fa, fb, j, base, g, code, box, u, known, control, at_l, one, here):
-    """The place between a and b where function j changes its sign."""
+def _root(x_1, x_2, x_3, f_1, f_2, f_3, j, base, g, code, box, u, known, control, at_l, one, here):
+    """The place between the first two where function j changes its sign.
+
+    The third is on the side of the first, or the same.
+    """
     # Chandrupatla's method: inverse quadratic steps where they are safe, else bisection.
-    x_1, f_1, x_2, f_2 = a, fa, b, fb
-    x_3, f_3, share = a, fa, 0.5
-    best = 0.5 * (a + b)
+    best = x_1 if abs(f_1) < abs(f_2) else x_2
     for _ in range(_ROOT_STEPS):
+        least = _CLOSE / max(abs(x_2 - x_1), 1e-300)
+        if least > 0.5:
+            break
+        gap, rise, share = (x_1 - x_2) / (x_3 - x_2), (f_1 - f_2) / (f_3 - f_2), 0.5
+        if gap < 1.0 and rise * rise < gap and (1.0 - rise) * (1.0 - rise) < 1.0 - gap:
+            share = f_1 / (f_2 - f_1) * f_3 / (f_2 - f_3) + (x_3 - x_1) / (x_2 - x_1) * f_1 / (
+                f_3 - f_1
+            ) * f_2 / (f_3 - f_2)
+        share = min(max(share, least), 1.0 - least)
         x = x_1 + share * (x_2 - x_1)
         _at(base, g, code, box, u, x, known, control, at_l, one, here)
         fx = here[j]
@@ -249,16 +267,8 @@ def _root(a, b, fa, fb, j, base, g, code, box, u, known, control, at_l, one, her
             x_3, f_3, x_2, f_2 = x_2, f_2, x_1, f_1
         x_1, f_1 = x, fx
         best = x_1 if abs(f_1) < abs(f_2) else x_2
-        least = _CLOSE / max(abs(x_2 - x_1), 1e-300)
-        if least > 0.5 or fx == 0.0:
+        if fx == 0.0:
             break
-        gap, rise = (x_1 - x_2) / (x_3 - x_2), (f_1 - f_2) / (f_3 - f_2)
-        share = 0.5
-        if rise * rise < gap and (1.0 - rise) * (1.0 - rise) < 1.0 - gap:
-            share = f_1 / (f_2 - f_1) * f_3 / (f_2 - f_3) + (x_3 - x_1) / (x_2 - x_1) * f_1 / (
-                f_3 - f_1
-            ) * f_2 / (f_3 - f_2)
-        share = min(max(share, least), 1.0 - least)
     return best
 
 
