@@ -17,7 +17,7 @@ from albedo.directions import spherical
 from albedo.errors import InputError
 from albedo.integrators.adaptive import integrate
 from albedo.integrators.cells import ModelIntegrand
-from albedo.operators.maps import log_map
+from albedo.operators.mapping import log_map
 from albedo.operators.pump import _of_stage
 from albedo.operators.split import SplitChart
 from albedo.operators.stages import Stages

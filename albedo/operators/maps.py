@@ -3,57 +3,44 @@
 An albedo is a table of its logarithm over heights and azimuths: tensor Chebyshev series on
 rectangles of (y, w), y being the coordinate of `albedo.charts.heights`. Where a model is symmetric
 about its tangent and bitangent, as well as can be seen, an albedo is a smooth function of
-cos(2 azimuth), and w = -cos(2 psi) with tan(azimuth) = k tan(psi). Near the normal k = 1 suits
-best, towards grazing incidence k^2 is about the ratio of the widths of an elliptic lobe: each band
-of heights has the k that needs the fewest terms. Elsewhere w is the azimuth itself.
+cos(2 azimuth), and w = -cos(2 psi) with tan(azimuth) = k tan(psi). Elsewhere w is the azimuth
+itself.
 
-Rectangles get more nodes along w, or are cut in two across the worse direction, until fresh points
-between their nodes confirm them.
+Along some curves albedos bend (`albedo.operators.levels`). A *strip* is what lies between two of
+them, over a range of w: a place in it is told by its shares of both, from 0 to 1, with nodes
+clustered at ends that are curves, and rectangles are cut from it as from the whole.
+`albedo.operators.mapping` makes the tables.
 """
 
 from __future__ import annotations
 
-import itertools
 import math
-from dataclasses import dataclass, field, replace
-from functools import cache, cached_property
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.polynomial import chebyshev
 
 from albedo._compile import inlined, kernel
-from albedo.brdf import Model
-from albedo.charts.heights import FIRST, LAST, LOWEST, fold_vector, folded, unfolded
-from albedo.errors import InputError
+from albedo.charts.heights import FIRST, LAST, LOWEST, fold_vector, unfolded
 from albedo.operators.divisor import CONTROLS, FEW, PARTS, on_parts
-from albedo.quadrature import albedo_rows
 
-# Nodes along y, and the numbers of them that there may be along w.
-_ORDER = 16
-_TURNS = (1, 4, 6, 8, 10, 12, 14, 16, 20, 24, 28, 32)
-# Nodes of the first look along w.
-_GLANCE = 32
-# Between its nodes an interpolant errs most. Fresh points stand in every second gap, and at both
-# ends: what a gap between them hides is not many times as much.
-_TRUST = 8.0
-# What an albedo itself may err by, as a share of the tolerance, and evaluations that it may take.
-_OWN, _LIMIT = 0.05, 400_000
-# Least size of a rectangle.
-_SHORTEST = 1e-6
-# Terms along w that sum to less than this share of the tolerance need no nodes.
-_AMPLE = 0.06
 # Terms of series that sum to less than this share of a table's error are left out.
 _SHARE = 0.01
-# At 45 degrees the albedo of a lobe with V-cavity masking bends.
-STARTS = (FIRST, -18.0, -8.0, -4.5, -2.0, -0.8, 0.0, LAST - 0.25 * math.pi, 0.65, LAST)
-"""Ends in y of the first rectangles."""
 # A logarithm that errs by more tells nothing, and its exponential is no number.
 HOPELESS = 700.0
-_QUARTER, _WHOLE = 0.5 * math.pi, 2.0 * math.pi
+_WHOLE = 2.0 * math.pi
 # Even cells of y and of w in which rectangles are looked up, and their ranges.
 _CELLS = 64
 _RANGES = (FIRST, LAST), (-1.0, 1.0), (0.0, _WHOLE)
-_SYMMETRY_CHECKS = 12
+# How a node of a tree is cut: across the height, across w, along a curve; or a strip begins.
+HEIGHT, TURN, CURVE, STRIP, LEAF = 0, 1, 2, 3, -1
+# A strip: k^2 of its w, ends in y and in w, at which ends of w and of its height nodes are
+# clustered, and Chebyshev series along w for the shares of y at which it begins and ends.
+BENT_TERMS = 16
+_K2, _LOW, _HIGH, _START, _END, _ENDS, _EDGES, _LOWER = range(8)
+_UPPER = _LOWER + BENT_TERMS
+STRIP_SIZE = _UPPER + BENT_TERMS
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,9 +50,11 @@ class LogMap:
     Attributes
     ----------
     box : ndarray, shape (m, 4)
-        Ends of the rectangles in y and in w.
+        Ends of the rectangles in y and in w, or in the shares of their strips.
     warp : ndarray, shape (m,)
-        The k^2 of the w of each; 0 where w is the azimuth.
+        The k^2 of the w of each; 0 where w is the azimuth, and in a strip.
+    strip : ndarray of int, shape (m,)
+        The strip that each is cut from; -1 where that is none.
     series : ndarray, shape (m, q, 16)
         Chebyshev coefficients on each, those along w first; q is 1 for an isotropic model.
     error : ndarray, shape (m,)
@@ -73,358 +62,65 @@ class LogMap:
     quarter : bool
         A quarter of the azimuths stands for all.
     axis, split, child : ndarray
-        A tree that finds the rectangle of a place: along which direction a node is cut (-1: it is
-        a leaf), where (in w with k = 1), and the two nodes or the rectangle below it.
+        A tree that finds the rectangle of a place: how a node is cut, where (in w with k = 1, or
+        the number of a strip, at whose upper end it is cut, or which begins), and the two nodes or
+        the rectangle below it.
+    strips : ndarray, shape (s, 39)
+        See `BENT_TERMS`.
     evaluations : int
         Of the model, to make the table.
     """
 
     box: np.ndarray
     warp: np.ndarray
+    strip: np.ndarray
     series: np.ndarray
     error: np.ndarray
     quarter: bool
     axis: np.ndarray
     split: np.ndarray
     child: np.ndarray
+    strips: np.ndarray
     evaluations: int
 
     def places(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Cosines and azimuths of places spread over every rectangle, ends included: (m, n)."""
         t = np.linspace(0.0, 1.0, count)
-        c, phi = [], []
-        for (low, high, first, last), warp in zip(self.box, self.warp, strict=True):
-            heights = np.clip(unfolded(low + t * (high - low)), LOWEST, 1.0)
-            turns = _azimuths(first + t * (last - first), warp)
-            c.append(np.repeat(heights, count))
-            phi.append(np.tile(turns, count))
-        return np.array(c), np.array(phi)
+        found = []
+        for (low, high, first, last), warp, k in zip(self.box, self.warp, self.strip, strict=True):
+            y, w = np.meshgrid(low + t * (high - low), first + t * (last - first), indexing="ij")
+            found.append(
+                directions_of(y.ravel(), w.ravel(), warp, self.strips[k] if k >= 0 else None)
+            )
+        c, phi = (np.array(lines) for lines in zip(*found, strict=True))
+        return c, phi
 
     def at(self, wi: np.ndarray) -> np.ndarray:
         """The albedo for unit vectors (n, 3)."""
-        out = np.empty((len(wi), 1))
-        _albedos_all(wi, *Maps((self,), None).known, out)
-        return np.exp(out[:, 0])
+        return np.exp(Maps((self,), None).logs(wi)[:, 0])
 
 
-@dataclass
-class _Tree:
-    """A tree of rectangles that grows at its leaves."""
-
-    axis: list[int] = field(default_factory=list)
-    split: list[float] = field(default_factory=list)
-    child: list[list[int]] = field(default_factory=list)
-
-    def leaf(self) -> int:
-        self.axis.append(-1)
-        self.split.append(0.0)
-        self.child.append([-1, -1])
-        return len(self.axis) - 1
-
-    def cut(self, node: int, axis: int, place: float) -> list[int]:
-        """Cut a leaf; return the two new ones."""
-        self.axis[node], self.split[node] = axis, place
-        self.child[node] = [self.leaf(), self.leaf()]
-        return self.child[node]
-
-    def over(self, node: int, axis: int, ends: list[float]) -> list[int]:
-        """Cut a leaf at all but the first and the last of some places; return the leaves."""
-        if len(ends) < 3:
-            return [node]
-        k = len(ends) // 2
-        low, high = self.cut(node, axis, ends[k])
-        return self.over(low, axis, ends[: k + 1]) + self.over(high, axis, ends[k:])
-
-
-@dataclass(frozen=True)
-class _Rectangle:
-    """A rectangle that is to be tabulated.
-
-    A leaf of the tree, ends in y and w, the k^2 of its w, and nodes along w.
-    """
-
-    node: int
-    y: tuple[float, float]
-    w: tuple[float, float]
-    warp: float
-    turns: int
-
-    @property
-    def rows(self) -> int:
-        """How many albedos it takes."""
-        return _ORDER * self.turns + _fresh(_ORDER).size * _fresh(self.turns).size
-
-    def grid(self, along: np.ndarray, across: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Cosines, and azimuths, of nodes given in [-1, 1]."""
-        y = self.y[0] + 0.5 * (along + 1.0) * (self.y[1] - self.y[0])
-        w = self.w[0] + 0.5 * (across + 1.0) * (self.w[1] - self.w[0])
-        return np.clip(unfolded(y), LOWEST, 1.0), _azimuths(w, self.warp)
-
-
-@dataclass
-class _Fit:
-    """A series on a rectangle, and what it is worth.
-
-    `missed` is the most by which fresh points were missed, `noise` what albedos may err by.
-    """
-
-    series: np.ndarray
-    bound: float
-    missed: float
-    noise: float
-
-
-@cache
-def _nodes(count: int) -> np.ndarray:
-    found: np.ndarray = chebyshev.chebpts1(count) if count > 1 else np.zeros(1)
-    return found
-
-
-@cache
-def _fresh(count: int) -> np.ndarray:
-    found: np.ndarray = chebyshev.chebpts2(count + 1)[::2] if count > 1 else np.zeros(1)
-    return found
-
-
-def _lebesgue(count: int) -> float:
-    """What errors at so many nodes may come to between them (Rivlin)."""
-    return 2.0 / math.pi * math.log(count) + 1.0
-
-
-def _terms(modulus: np.ndarray, least: float) -> int:
-    """How many terms are needed for the others to sum to less."""
-    beyond = np.cumsum(modulus[::-1])[::-1]
-    return max(int(np.count_nonzero(beyond > least)), 1)
-
-
-def _rung(terms: float) -> int:
-    """A number of nodes for so many terms."""
-    return next((count for count in _TURNS if count >= terms), _TURNS[-1])
-
-
-def _azimuths(w: np.ndarray, warp: float) -> np.ndarray:
-    """The azimuths at w."""
+def directions_of(
+    y: np.ndarray, w: np.ndarray, warp: float, strip: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Cosines and azimuths of places in y and w, or in the shares of a strip."""
+    if strip is not None:
+        edges = strip[_LOWER:].reshape(2, BENT_TERMS)
+        lower, upper = (chebyshev.chebval(2.0 * w - 1.0, series) for series in edges)
+        share = np.clip(lower + _gathered(y, strip[_EDGES]) * (upper - lower), 0.0, 1.0)
+        y = strip[_LOW] + share * (strip[_HIGH] - strip[_LOW])
+        w = strip[_START] + _gathered(w, strip[_ENDS]) * (strip[_END] - strip[_START])
+        warp = strip[_K2]
+    c = np.clip(unfolded(y), LOWEST, 1.0)
     if warp == 0.0:
-        return w
+        return c, w
     half = 0.5 * np.arccos(np.clip(-w, -1.0, 1.0))
-    return np.arctan2(math.sqrt(warp) * np.sin(half), np.cos(half))
+    return c, np.arctan2(math.sqrt(warp) * np.sin(half), np.cos(half))
 
 
-def _ratio(model: Model) -> float:
-    """The ratio of the widths of the most elongated lobe, along x and y."""
-    ratios = [part.widths[0] / part.widths[1] for part in model.parts()]
-    return max(ratios, key=lambda ratio: abs(math.log(ratio)), default=1.0)
-
-
-def log_map(
-    model: Model, rtol: float, most: int = 10_000, starts: tuple[float, ...] = STARTS
-) -> LogMap:
-    """Tabulate the logarithm of an albedo over all heights and azimuths.
-
-    Parameters
-    ----------
-    model : Model
-    rtol : float
-        The relative error asked for, everywhere.
-    most : int
-        Most albedos that are computed.
-    starts : tuple of float
-        Ends in y of the first rectangles; 0 is one of them.
-
-    Returns
-    -------
-    LogMap
-        With the bounds that were reached.
-
-    Raises
-    ------
-    InputError
-        For an albedo that is not above 0.
-    """
-    tree, active = _start(model, rtol, starts)
-    leaves: list[tuple[_Rectangle, _Fit]] = []
-    used = rows = 0
-    while active:
-        fits, evaluations = _tabulated(model, active, rtol)
-        used += evaluations
-        rows += sum(rectangle.rows for rectangle in active)
-        poor: list[tuple[_Rectangle, _Fit]] = []
-        for rectangle, fit in zip(active, fits, strict=True):
-            enough = fit.bound <= rtol or fit.missed <= fit.noise
-            short = rectangle.y[1] - rectangle.y[0] < _SHORTEST
-            (leaves if enough or short else poor).append((rectangle, fit))
-        active, spent = [], rows
-        for rectangle, fit in sorted(poor, key=lambda one: -one[1].bound):
-            spent += 2 * rectangle.rows
-            if spent > most:
-                leaves.append((rectangle, fit))
-            else:
-                active += _finer(tree, rectangle, fit, rtol)
-    for k, (rectangle, _) in enumerate(leaves):
-        tree.child[rectangle.node] = [k, -1]
-    series = np.zeros((len(leaves), max(one.turns for one, _ in leaves), _ORDER))
-    for k, (rectangle, fit) in enumerate(leaves):
-        series[k, : rectangle.turns] = fit.series
-    return LogMap(
-        np.array([(*rectangle.y, *rectangle.w) for rectangle, _ in leaves]),
-        np.array([rectangle.warp for rectangle, _ in leaves]),
-        series,
-        np.array([fit.bound for _, fit in leaves]),
-        leaves[0][0].warp > 0.0,
-        np.array(tree.axis),
-        np.array(tree.split),
-        np.array(tree.child),
-        used,
-    )
-
-
-def _start(model: Model, rtol: float, starts: tuple[float, ...]) -> tuple[_Tree, list[_Rectangle]]:
-    """The first rectangles."""
-    quarter = model.isotropic or _symmetric(model, rtol)
-    ends = [-1.0, 1.0] if quarter else np.linspace(0.0, _WHOLE, 5).tolist()
-    # Between the widths of the lobe and a circle.
-    warp = math.sqrt(_ratio(model)) if quarter else 0.0
-    tree, found = _Tree(), []
-    bands = tree.over(tree.leaf(), 0, list(starts))
-    for band, y in zip(bands, itertools.pairwise(starts), strict=True):
-        for node, w in zip(tree.over(band, 1, ends), itertools.pairwise(ends), strict=True):
-            found.append(_Rectangle(node, y, w, warp, 1))
-    if model.isotropic:
-        return tree, found
-    # Lines in the middle tell which k suits, and how many nodes it takes along w.
-    middle, across = np.zeros(1), _nodes(_GLANCE)
-    logs, _, _ = _logs(model, [rectangle.grid(middle, across) for rectangle in found], rtol)
-    return tree, [_suited(one, line[0], rtol) for one, line in zip(found, logs, strict=True)]
-
-
-def _suited(rectangle: _Rectangle, line: np.ndarray, rtol: float) -> _Rectangle:
-    """A rectangle with the k and the nodes along w that suit the albedos at nodes of a line."""
-    across = _nodes(_GLANCE)
-    basis = chebyshev.chebvander(across, _GLANCE - 1)
-    series = np.linalg.solve(basis, line)
-    # What was not resolved tells nothing.
-    least = max(_AMPLE * rtol, 4.0 * float(np.abs(series[-2:]).sum()))
-    found = {rectangle.warp: _terms(np.abs(series), least)}
-    for power in (-1, 1) if rectangle.warp > 0.0 else ():
-        # One k^2 is that of a circle, the other the ratio of widths.
-        other = rectangle.warp ** (1 + power)
-        w = np.array([warped(x, rectangle.warp / other) for x in across])
-        again = np.linalg.solve(basis, chebyshev.chebval(w, series))
-        found[other] = _terms(np.abs(again), least)
-    warp = min(found, key=lambda key: found[key])
-    resolved = least <= _AMPLE * rtol
-    return replace(rectangle, warp=warp, turns=_rung(found[warp] + 2 if resolved else _GLANCE // 3))
-
-
-def _logs(
-    model: Model, grids: list[tuple[np.ndarray, np.ndarray]], rtol: float
-) -> tuple[list[np.ndarray], list[float], int]:
-    """Logarithms of albedos on grids, what they may err by on each, and evaluations."""
-    places = [np.broadcast_arrays(c[:, None], phi[None, :]) for c, phi in grids]
-    c, phi = (np.concatenate([place[k].ravel() for place in places]) for k in (0, 1))
-    found = albedo_rows(
-        [model] * c.size, c, phi, rtol=_OWN * rtol, atol=0.0, max_evaluations=_LIMIT
-    )
-    dark = ~(found.value > 0.0)
-    if dark.any():
-        raise InputError(
-            f"{model.spec} cannot be pumped up: at cos_theta = {c[dark][0]:.3g} "
-            f"its albedo is {found.value[dark][0]:g}, not above 0"
-        )
-    ends = np.cumsum([place[0].size for place in places])[:-1]
-    logs = np.split(np.log(found.value), ends)
-    errors = np.split(found.error / found.value, ends)
-    shaped = [line.reshape(place[0].shape) for line, place in zip(logs, places, strict=True)]
-    return shaped, [float(own.max()) for own in errors], int(found.evaluations.sum())
-
-
-def _tabulated(model: Model, rectangles: list[_Rectangle], rtol: float) -> tuple[list[_Fit], int]:
-    """Series on rectangles, and evaluations."""
-    grids = []
-    for one in rectangles:
-        grids.append(one.grid(_nodes(_ORDER), _nodes(one.turns)))
-        grids.append(one.grid(_fresh(_ORDER), _fresh(one.turns)))
-    logs, own, used = _logs(model, grids, rtol)
-    fits = []
-    for k, one in enumerate(rectangles):
-        both = slice(2 * k, 2 * k + 2)
-        fits.append(_fitted(one, [c for c, _ in grids[both]], logs[both], max(own[both])))
-    return fits, used
-
-
-def _fitted(
-    rectangle: _Rectangle, cosines: list[np.ndarray], logs: list[np.ndarray], noise: float
-) -> _Fit:
-    """The series through values at nodes, and how far it misses those at fresh points."""
-    low, high = rectangle.y
-    # Cosines are rounded: near 1 they stand for another angle.
-    u, u_fresh = (np.clip(2.0 * (folded(x) - low) / (high - low) - 1.0, -1.0, 1.0) for x in cosines)
-    turned, turns = _nodes(rectangle.turns), rectangle.turns - 1
-    half = np.linalg.solve(chebyshev.chebvander(u, _ORDER - 1), logs[0])
-    series = np.linalg.solve(chebyshev.chebvander(turned, turns), half.T)
-    across = chebyshev.chebvander(_fresh(rectangle.turns), turns) @ series
-    fitted = across @ chebyshev.chebvander(u_fresh, _ORDER - 1).T
-    missed = float(np.abs(fitted - logs[1].T).max())
-    lebesgue = _lebesgue(_ORDER) * _lebesgue(rectangle.turns)
-    return _Fit(series, _TRUST * missed + lebesgue * noise, missed, noise)
-
-
-def _finer(tree: _Tree, rectangle: _Rectangle, fit: _Fit, rtol: float) -> list[_Rectangle]:
-    """What a rectangle is replaced by: more nodes along w, or two halves."""
-    modulus, turns = np.abs(fit.series), rectangle.turns
-    along, across = modulus[:, -3:].sum(), modulus[-2:].sum()
-    wanted = _wanted(modulus.sum(1), rtol) if turns > 1 else 1
-    if turns == 1 or along >= across or (along > rtol / _TRUST and wanted <= _TURNS[-1]):
-        low, high = rectangle.y
-        middle = 0.5 * (low + high)
-        below, above = tree.cut(rectangle.node, 0, middle)
-        count = _rung(wanted) if wanted <= _TURNS[-1] else turns
-        return [
-            replace(rectangle, node=below, y=(low, middle), turns=count),
-            replace(rectangle, node=above, y=(middle, high), turns=count),
-        ]
-    if wanted <= _TURNS[-1]:
-        return [replace(rectangle, turns=_rung(max(wanted, turns + 2)))]
-    low, high = rectangle.w
-    middle = 0.5 * (low + high)
-    before, after = tree.cut(rectangle.node, 1, _plain(middle, rectangle.warp))
-    fewer = min(turns, _rung(_GLANCE // 2))
-    return [
-        replace(rectangle, node=before, w=(low, middle), turns=fewer),
-        replace(rectangle, node=after, w=(middle, high), turns=fewer),
-    ]
-
-
-def _wanted(modulus: np.ndarray, rtol: float) -> float:
-    """How many terms along w a tolerance takes, from those that there are, as they fall."""
-    least, last, half = _AMPLE * rtol, modulus[-2:].sum(), modulus.size // 2
-    enough = _terms(modulus, least) + 2
-    if enough <= modulus.size:
-        return enough
-    fall = math.log(max(modulus[half - 1 :].max() / last, 1.0)) / half
-    return float(modulus.size + math.log(max(last / least, 1.0)) / max(fall, 1e-3))
-
-
-def _plain(w: float, warp: float) -> float:
-    """The w of k = 1 at the same azimuth."""
-    return warped(w, 1.0 / warp) if warp > 0.0 else w
-
-
-def _symmetric(model: Model, rtol: float) -> bool:
-    """Whether albedos mirrored at tangent and bitangent are the same, as far as is known."""
-    rng = np.random.default_rng(1)
-    deep = 0.5 * np.exp(-10.0 * rng.random(_SYMMETRY_CHECKS))
-    c = np.concatenate((rng.random(_SYMMETRY_CHECKS), deep))
-    phi = rng.uniform(0.0, _QUARTER, c.size)
-    found = [
-        albedo_rows([model] * c.size, c, turn, rtol=_OWN * rtol, atol=0.0)
-        for turn in (phi, -phi, math.pi - phi, math.pi + phi)
-    ]
-    first = found[0]
-    return all(
-        bool(np.all(np.abs(other.value - first.value) <= first.error + other.error))
-        for other in found[1:]
-    )
+def _gathered(t: np.ndarray, ends: float) -> np.ndarray:
+    """Places in (0, 1), nodes clustered as `albedo.charts._compiled.clustered` does."""
+    return (t, t * t, t * (2.0 - t), t * t * (3.0 - 2.0 * t))[int(ends)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -468,24 +164,34 @@ class Maps:
             for table, node, leaf in zip(tables, nodes[:-1], leaves[:-1], strict=True)
         ]
         quarter = np.array([table.quarter for table in tables])
-        axis, split, box, warp, error = (
+        axis, split, box, warp, error, strips = (
             np.concatenate([getattr(table, k) for table in tables])
-            for k in ("axis", "split", "box", "warp", "error")
+            for k in ("axis", "split", "box", "warp", "error", "strips")
         )
+        # Numbers of strips count on.
+        before = np.cumsum([0, *(len(table.strips) for table in tables)])[:-1]
+        of_table = np.repeat(before, [table.axis.size for table in tables])
+        split = split + np.where(axis >= CURVE, of_table, 0)
         turns = max(FEW, *(table.series.shape[1] for table in tables))
-        series = np.zeros((error.size, turns, _ORDER))
+        series = np.zeros((error.size, turns, tables[0].series.shape[2]))
         for table, leaf in zip(tables, leaves[:-1], strict=True):
             series[leaf : leaf + table.error.size, : table.series.shape[1]] = table.series
         parts, terms = _patches(series, error)
         start = np.cumsum(parts.prod(1)) - parts.prod(1)
-        trees = axis, split, np.concatenate(child)
-        cells = [_cells(root, quarter[j], *trees) for j, root in enumerate(nodes[:-1].tolist())]
+        trees = axis, split, np.concatenate(child), strips
+        cells = [_cells(root, quarter[j], *trees[:3]) for j, root in enumerate(nodes[:-1].tolist())]
         return np.stack(cells), quarter, *trees, box, warp, parts, start, terms
 
     @cached_property
     def errors(self) -> tuple[float, ...]:
         """Bounds on the relative errors of all tables."""
         return tuple((1.0 + _SHARE) * float(table.error.max()) for table in self.tables)
+
+    def logs(self, wi: np.ndarray) -> np.ndarray:
+        """The logarithms of all albedos for unit vectors (n, 3)."""
+        out = np.empty((len(wi), len(self.tables)))
+        _albedos_all(np.ascontiguousarray(wi), *self.known, out)
+        return out
 
     def divide(self, wi: np.ndarray, wo: np.ndarray, out: np.ndarray) -> None:
         """Divide values of a kernel by the divisor, in place."""
@@ -551,12 +257,13 @@ def _cells(
     while waiting:
         node, a, b, c, d = waiting.pop()
         found[a:b, c:d] = node
-        if axis[node] < 0 or a >= b or c >= d:
+        if axis[node] not in (HEIGHT, TURN) or a >= b or c >= d:
             continue
-        cell = _cell_of(split[node], *_RANGES[0 if axis[node] == 0 else 1 if quarter else 2])
+        which = HEIGHT if axis[node] == HEIGHT else 1 if quarter else 2
+        cell = _cell_of(split[node], *_RANGES[which])
         low, high = child[node]
         # The cell with the cut in it stays with the node.
-        if axis[node] == 0:
+        if axis[node] == HEIGHT:
             waiting += [(low, a, min(b, cell), c, d), (high, max(a, cell + 1), b, c, d)]
         else:
             waiting += [(low, a, b, c, min(d, cell)), (high, a, b, max(c, cell + 1), d)]
@@ -587,14 +294,60 @@ def _cell_of(x, low, high):
 
 
 @inlined
-def _leaf(height, place, j, cells, quarter, axis, split, child):
-    """The number of the rectangle of table j that holds a place."""
+def _share(x, low, high, ends):
+    """The share of an interval that x stands for, nodes being clustered at some ends."""
+    t = min(max((x - low) / (high - low), 0.0), 1.0) if high > low else 0.0
+    if ends == 1:
+        return math.sqrt(t)
+    if ends == 2:
+        return 1.0 - math.sqrt(1.0 - t)
+    if ends == 3:
+        # t = sin(a)^2 is the root of 3 x^2 - 2 x^3 = t.
+        return 0.5 - math.sin(math.asin(1.0 - 2.0 * t) / 3.0)
+    return t
+
+
+@inlined
+def _edge(strip, first, share):
+    """A curve of a strip, as a share of its heights."""
+    twice = 4.0 * share - 2.0
+    total = last = 0.0
+    for i in range(first + BENT_TERMS - 1, first, -1):
+        total, last = twice * total + (strip[i] - last), total
+    return 0.5 * twice * total - last + strip[first]
+
+
+@inlined
+def _across_strip(strip, place):
+    """The share of the range of w of a strip."""
+    if strip[_K2] > 0.0:
+        place = warped(place, strip[_K2])
+    return _share(place, strip[_START], strip[_END], strip[_ENDS])
+
+
+@inlined
+def _leaf(height, place, j, cells, quarter, axis, split, child, strips):
+    """The rectangle of table j that holds a place, and the place as it is told there."""
     low, high = (-1.0, 1.0) if quarter[j] else (0.0, _WHOLE)
     node = cells[j, _cell_of(height, FIRST, LAST), _cell_of(place, low, high)]
     while axis[node] >= 0:
-        along = height if axis[node] == 0 else place
-        node = child[node, 0] if along < split[node] else child[node, 1]
-    return child[node, 0]
+        side = 0
+        if axis[node] == HEIGHT:
+            side = int(height >= split[node])
+        elif axis[node] == TURN:
+            side = int(place >= split[node])
+        else:
+            strip = strips[int(split[node])]
+            share = _across_strip(strip, place)
+            up = (height - strip[_LOW]) / (strip[_HIGH] - strip[_LOW])
+            end = _edge(strip, _UPPER, share)
+            if axis[node] == CURVE:
+                side = int(up >= end)
+            else:
+                height = _share(up, _edge(strip, _LOWER, share), end, strip[_EDGES])
+                place = share
+        node = child[node, side]
+    return child[node, 0], height, place
 
 
 @inlined
@@ -606,12 +359,14 @@ def _on_part(x, low, high, parts):
 
 
 @inlined
-def albedos_at(x, y, z, cells, quarter, axis, split, child, box, warp, parts, start, terms, out):
+def albedos_at(
+    x, y, z, cells, quarter, axis, split, child, strips, box, warp, parts, start, terms, out
+):
     """Fill the logarithms of the albedos of all steps for one direction."""
-    height = fold_vector(x, y, z)
+    folded = fold_vector(x, y, z)
     for j in range(cells.shape[0]):
-        place = _across(x, y, quarter[j])
-        k = _leaf(height, place, j, cells, quarter, axis, split, child)
+        tree = cells, quarter, axis, split, child, strips
+        k, height, place = _leaf(folded, _across(x, y, quarter[j]), j, *tree)
         if warp[k] > 0.0:
             place = warped(place, warp[k])
         first, v = _on_part(place, box[k, 2], box[k, 3], parts[k, 0])
@@ -631,19 +386,21 @@ def albedos_at(x, y, z, cells, quarter, axis, split, child, box, warp, parts, st
 
 
 @kernel
-def _albedos_all(wi, cells, quarter, axis, split, child, box, warp, parts, start, terms, out):
-    known = cells, quarter, axis, split, child, box, warp, parts, start, terms
+def _albedos_all(
+    wi, cells, quarter, axis, split, child, strips, box, warp, parts, start, terms, out
+):
+    known = cells, quarter, axis, split, child, strips, box, warp, parts, start, terms
     for i in range(out.shape[0]):
         albedos_at(wi[i, 0], wi[i, 1], wi[i, 2], *known, out[i])
 
 
 @kernel
 def _divide(
-    wi, wo, cells, quarter, axis, split, child, box, warp, parts, start, terms, control, out
+    wi, wo, cells, quarter, axis, split, child, strips, box, warp, parts, start, terms, control, out
 ):
     steps = cells.shape[0]
     at_l, at_v = np.empty(steps), np.empty(steps)
-    known = cells, quarter, axis, split, child, box, warp, parts, start, terms
+    known = cells, quarter, axis, split, child, strips, box, warp, parts, start, terms
     for k in range(out.shape[0]):
         lz = max(wi[2, k], LOWEST)
         albedos_at(wi[0, k], wi[1, k], wi[2, k], *known, at_l)
@@ -664,18 +421,20 @@ def _divide(
 
 
 @kernel
-def _weigh(wi, wo, cells, quarter, axis, split, child, box, warp, parts, start, terms, error, out):
+def _weigh(
+    wi, wo, cells, quarter, axis, split, child, strips, box, warp, parts, start, terms, error, out
+):
     """Multiply values by what the divisor may err by: of each step, the side that is larger."""
     steps = cells.shape[0]
     at_l, at_v, of_l = np.empty(steps), np.empty(steps), np.empty(steps)
-    known = cells, quarter, axis, split, child, box, warp, parts, start, terms
-    tree = cells, quarter, axis, split, child
+    known = cells, quarter, axis, split, child, strips, box, warp, parts, start, terms
+    tree = cells, quarter, axis, split, child, strips
     for k in range(out.shape[0]):
         x, y, z = wi[0, k], wi[1, k], wi[2, k]
         albedos_at(x, y, z, *known, at_l)
         height = fold_vector(x, y, z)
         for j in range(steps):
-            of_l[j] = error[_leaf(height, _across(x, y, quarter[j]), j, *tree)]
+            of_l[j] = error[_leaf(height, _across(x, y, quarter[j]), j, *tree)[0]]
         for i in range(out.shape[1]):
             x, y, z = wo[0, k, i], wo[1, k, i], wo[2, k, i]
             if not z > 0.0:
@@ -683,7 +442,7 @@ def _weigh(wi, wo, cells, quarter, axis, split, child, box, warp, parts, start, 
             albedos_at(x, y, z, *known, at_v)
             height, total = fold_vector(x, y, z), 0.0
             for j in range(steps):
-                of_v = error[_leaf(height, _across(x, y, quarter[j]), j, *tree)]
+                of_v = error[_leaf(height, _across(x, y, quarter[j]), j, *tree)[0]]
                 apart, near = at_v[j] - at_l[j], of_v + of_l[j]
                 if apart > near:
                     total += of_v

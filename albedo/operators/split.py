@@ -17,9 +17,9 @@ import numpy as np
 
 from albedo._compile import address, indirect, kernel
 from albedo.charts._compiled import CompiledChart, clustered
-from albedo.charts.heights import LOWEST
+from albedo.charts.heights import LOWEST, unfold
 from albedo.integrators.cells import NODES_TYPES
-from albedo.operators.maps import Maps, albedos_at, changes_at
+from albedo.operators.maps import BENT_TERMS, Maps, albedos_at, changes_at
 
 _lay_out = indirect(NODES_TYPES)
 
@@ -29,7 +29,7 @@ _LOOKS, _NEAR = 15, 1e-4
 _LINES, _BISECTIONS, _PIECES = 13, 26, 64
 # Lines that a series is made of. It may be wrong by so much: that of a kink beside the edge is the
 # square. A panel is cut for it until it is so short. One that is wrong by more is not used.
-_TERMS, _BESIDE, _SHORTEST, _ASTRAY = 16, 1e-5, 1e-3, 1e-3
+_TERMS, _BESIDE, _SHORTEST, _ASTRAY = BENT_TERMS, 1e-5, 1e-3, 1e-3
 # Lines this near to the ends of a piece may have lost a place.
 _CLOSE_BY = 1e-5
 _NODES = np.polynomial.chebyshev.chebpts1(_TERMS)
@@ -40,6 +40,103 @@ _ROOT_STEPS, _CLOSE = 60, 1e-10
 _CLOSER = 8
 # A kink that changes less than this, relatively, is none; nor is one in what tables err by.
 _WEAK, _NOISE = 1e-7, 0.25
+
+
+_NO_LEVELS = np.empty(0)
+
+
+def weakest(maps: Maps) -> float:
+    """What a kink changes at least."""
+    return max(_WEAK, _NOISE * max(maps.errors, default=0.0))
+
+
+@dataclass(frozen=True)
+class Piece:
+    """What lies in a rectangle between two curves.
+
+    Attributes
+    ----------
+    rectangle : int
+        Its number.
+    start, end : float
+        Of its width.
+    ends : int
+        At which of them lines are clustered; see `albedo.charts._compiled.clustered`.
+    lower, upper : ndarray, shape (16,)
+        Chebyshev series along the lines, for the share of the height at which it begins and ends.
+    """
+
+    rectangle: int
+    start: float
+    end: float
+    ends: int
+    lower: np.ndarray
+    upper: np.ndarray
+
+
+def cut_along(maps: Maps, levels: np.ndarray, box: np.ndarray, warp: np.ndarray) -> list[Piece]:
+    """Cut rectangles of (w, y) where albedos have some levels.
+
+    Parameters
+    ----------
+    maps : Maps
+        As many albedos as there are levels; no control.
+    levels : ndarray, shape (m,)
+        Logarithms.
+    box : ndarray, shape (n, 4)
+        Ends in y and in w; see `albedo.operators.maps`.
+    warp : ndarray, shape (n,)
+        The k^2 of their w; 0 where w is the azimuth.
+
+    Returns
+    -------
+    list of Piece
+        In order, along w and then along y.
+    """
+    n = len(box)
+    box = np.column_stack((box[:, 2:], box[:, :2], warp))
+    base = address(_rectangles, NODES_TYPES), np.zeros(1)
+    panels = np.zeros((n, 1)), np.arange(n), np.zeros((n, 1), dtype=np.int64), box
+    room = 64 * n
+    while True:
+        row, code = np.empty(room, int), np.empty((room, 2), int)
+        found = np.empty((room, box.shape[1] + 4 + 2 * _TERMS))
+        count = _split(
+            *(base, *panels, False, *maps.known, maps.code, levels.size, levels),
+            *(weakest(maps), row, code, found),
+        )
+        if count >= 0:
+            break
+        room *= 2
+    width = box.shape[1]
+    pieces = []
+    for k in range(count):
+        first, last, w_0, w_1 = *found[k, width : width + 2], *box[row[k], :2]
+        lower, upper = found[k, width + 4 :].reshape(2, _TERMS)
+        start, end = (first - w_0) / (w_1 - w_0), (last - w_0) / (w_1 - w_0)
+        pieces.append(Piece(int(row[k]), start, end, int(code[k, 1]), lower, upper))
+    # Those of one range of w are in order.
+    return sorted(pieces, key=lambda piece: (piece.rectangle, piece.start))
+
+
+@kernel
+def _rectangles(geometry, code, box, u, v, numbers, wi, wo, h, weight):
+    """Directions of places in rectangles of (w, y)."""
+    for k in range(box.shape[0]):
+        warp = box[k, 4]
+        for iu in range(u.size):
+            w = box[k, 0] + (box[k, 1] - box[k, 0]) * u[iu]
+            if warp > 0.0:
+                x, y = math.sqrt(0.5 * (1.0 - w)), math.sqrt(0.5 * warp * (1.0 + w))
+            else:
+                x, y = math.cos(w), math.sin(w)
+            norm = math.sqrt(x * x + y * y)
+            for iv in range(v.size):
+                c, s = unfold(box[k, 2] + (box[k, 3] - box[k, 2]) * v[iv])
+                i = iu * v.size + iv
+                wo[0, k, i] = s * x / norm
+                wo[1, k, i] = s * y / norm
+                wo[2, k, i] = c
 
 
 @dataclass(frozen=True)
@@ -80,7 +177,7 @@ class SplitChart:
             boxes = np.empty((room, box.shape[1] + 4 + 2 * _TERMS))
             count = _split(
                 *(self._base, geometry, row, code, box, coarse, *self.maps.known),
-                *(self.maps.code, self.maps.changes, self._weak, *new, boxes),
+                *(self.maps.code, self.maps.changes, _NO_LEVELS, self._weak, *new, boxes),
             )
             if count >= 0:
                 return geometry, new[0][:count], new[1][:count], boxes[:count]
@@ -88,7 +185,7 @@ class SplitChart:
 
     @property
     def _weak(self) -> float:
-        return max(_WEAK, _NOISE * max(self.maps.errors, default=0.0))
+        return weakest(self.maps)
 
     @property
     def _base(self) -> tuple[int, np.ndarray]:
@@ -285,7 +382,7 @@ def _base_of(code, box, k, code_1, box_1):
 @kernel
 def _split(base, geometry, row, code, box, coarse, *rest):
     """Fill row, code and box of what panels are cut into; return their number, or -1."""
-    known, (control, changes, weak, new_row, new_code, new_box) = rest[:10], rest[10:]
+    known, (control, changes, levels, weak, new_row, new_code, new_box) = rest[:11], rest[11:]
     at_l = np.empty(known[0].shape[0])
     one, wi = np.empty(1), np.empty((3, 1))
     wo, h, weight = np.empty((3, 1, 1)), np.empty((3, 1, 1)), np.empty((1, 1))
@@ -299,7 +396,10 @@ def _split(base, geometry, row, code, box, coarse, *rest):
         g, code_1, box_1 = geometry[row[k] : row[k] + 1], code[k : k + 1], box[k : k + 1]
         one[0] = 0.5
         _line(base, g, code_1, box_1, one, one, wi, wo, h, weight)
-        albedos_at(wi[0, 0], wi[1, 0], wi[2, 0], *known, at_l)
+        if levels.size == 0:
+            albedos_at(wi[0, 0], wi[1, 0], wi[2, 0], *known, at_l)
+        for j in range(levels.size):
+            at_l[j] = levels[j]
         panel = base, g, code_1, box_1
         divisor = known, control, changes, at_l, weak
         lows[0], highs[0], flags[0], kinds[0], patterns[0], top = 0.0, 1.0, 0, 0, 0, 1

@@ -22,7 +22,8 @@ from albedo.brdf import Model, Part
 from albedo.charts._compiled import CompiledChart
 from albedo.directions import spherical
 from albedo.integrators.adaptive import integrate
-from albedo.operators.maps import HOPELESS, STARTS, LogMap, Maps, log_map
+from albedo.operators.mapping import STARTS, log_map
+from albedo.operators.maps import HOPELESS, LogMap, Maps
 from albedo.operators.split import SplitChart
 
 # A table that errs by more somewhere is of a function that jumps: what it promises elsewhere is
@@ -72,7 +73,7 @@ class Stages:
             if k == 0:
                 table = log_map(present, self.worth(k), _MOST_FIRST)
             else:
-                table = log_map(present, self.worth(k), _MOST_LATER, _FINER)
+                table = log_map(present, self.worth(k), _MOST_LATER, _FINER, self.tables)
                 table = replace(table, error=table.error + self._inherited(table))
             self.tables.append(table)
         return self.tables[:steps]

@@ -1,0 +1,456 @@
+"""Tables of albedos over heights and azimuths, see `albedo.operators.maps`.
+
+Near the normal k = 1 suits w best, towards grazing incidence k^2 is about the ratio of the widths
+of an elliptic lobe: each band of heights has the k that needs the fewest terms. Bands are cut into
+strips where earlier albedos have critical levels. Rectangles get more nodes along w, or are cut in
+two across the worse direction, until fresh points between their nodes confirm them.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from functools import cache
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from albedo.brdf import Model
+from albedo.charts.heights import FIRST, LAST, folded
+from albedo.errors import InputError
+from albedo.estimate import Estimate
+from albedo.operators.levels import critical_levels
+from albedo.operators.maps import (
+    CURVE,
+    HEIGHT,
+    LEAF,
+    STRIP,
+    STRIP_SIZE,
+    TURN,
+    LogMap,
+    Maps,
+    directions_of,
+    warped,
+)
+from albedo.operators.split import Piece, cut_along
+from albedo.quadrature import albedo_rows
+
+# Nodes along y, and the numbers of them that there may be along w.
+_ORDER = 16
+_TURNS = (1, 4, 6, 8, 10, 12, 14, 16, 20, 24, 28, 32)
+# Nodes of the first look along w, and along strips.
+_GLANCE, _ALONG = 32, 14
+# Between its nodes an interpolant errs most. Fresh points stand in every second gap, and at both
+# ends: what a gap between them hides is not many times as much.
+_TRUST = 8.0
+# What an albedo itself may err by, as a share of the tolerance, and evaluations that it may take.
+_OWN, _LIMIT = 0.05, 400_000
+# Albedos that a thread computes at once.
+_CHUNK = 256
+# Least size of a rectangle, and of one in a strip.
+_SHORTEST, _SLIM = 1e-6, 1e-3
+# Terms along w that sum to less than this share of the tolerance need no nodes.
+_AMPLE = 0.06
+# At 45 degrees the albedo of a lobe with V-cavity masking bends.
+STARTS = (FIRST, -18.0, -8.0, -4.5, -2.0, -0.8, 0.0, LAST - 0.25 * math.pi, 0.65, LAST)
+"""Ends in y of the first rectangles."""
+_QUARTER, _WHOLE = 0.5 * math.pi, 2.0 * math.pi
+_SYMMETRY_CHECKS = 12
+
+
+@dataclass
+class _Tree:
+    """A tree of rectangles that grows at its leaves."""
+
+    axis: list[int] = field(default_factory=list)
+    split: list[float] = field(default_factory=list)
+    child: list[list[int]] = field(default_factory=list)
+
+    def leaf(self) -> int:
+        self.axis.append(LEAF)
+        self.split.append(0.0)
+        self.child.append([-1, -1])
+        return len(self.axis) - 1
+
+    def cut(self, node: int, axis: int, place: float) -> list[int]:
+        """Cut a leaf; return the two new ones."""
+        self.axis[node], self.split[node] = axis, place
+        self.child[node] = [self.leaf(), self.leaf()]
+        return self.child[node]
+
+    def enter(self, node: int, strip: int) -> int:
+        """Begin a strip at a leaf; return the leaf that is all of it."""
+        self.axis[node], self.split[node] = STRIP, strip
+        self.child[node][0] = self.leaf()
+        return self.child[node][0]
+
+    def over(self, node: int, axis: int, ends: list[float]) -> list[int]:
+        """Cut a leaf at all but the first and the last of some places; return the leaves."""
+        if len(ends) < 3:
+            return [node]
+        k = len(ends) // 2
+        low, high = self.cut(node, axis, ends[k])
+        return self.over(low, axis, ends[: k + 1]) + self.over(high, axis, ends[k:])
+
+
+@dataclass(frozen=True)
+class _Rectangle:
+    """A rectangle that is to be tabulated.
+
+    A leaf of the tree, ends in y and w, the k^2 of its w, and nodes along w. Or ends in the shares
+    of a strip, which has a number.
+    """
+
+    node: int
+    y: tuple[float, float]
+    w: tuple[float, float]
+    warp: float
+    turns: int
+    number: int = -1
+    strip: np.ndarray | None = None
+
+    @property
+    def rows(self) -> int:
+        """How many albedos it takes."""
+        return _ORDER * self.turns + _fresh(_ORDER).size * _fresh(self.turns).size
+
+    def grid(self, along: np.ndarray, across: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Cosines, and azimuths, of nodes given in [-1, 1]: along y first."""
+        y = self.y[0] + 0.5 * (along + 1.0) * (self.y[1] - self.y[0])
+        w = self.w[0] + 0.5 * (across + 1.0) * (self.w[1] - self.w[0])
+        return directions_of(*np.meshgrid(y, w, indexing="ij"), self.warp, self.strip)
+
+
+@dataclass
+class _Fit:
+    """A series on a rectangle, and what it is worth.
+
+    `missed` is the most by which fresh points were missed, `noise` what albedos may err by.
+    """
+
+    series: np.ndarray
+    bound: float
+    missed: float
+    noise: float
+
+
+@cache
+def _nodes(count: int) -> np.ndarray:
+    found: np.ndarray = chebyshev.chebpts1(count) if count > 1 else np.zeros(1)
+    return found
+
+
+@cache
+def _fresh(count: int) -> np.ndarray:
+    found: np.ndarray = chebyshev.chebpts2(count + 1)[::2] if count > 1 else np.zeros(1)
+    return found
+
+
+def _lebesgue(count: int) -> float:
+    """What errors at so many nodes may come to between them (Rivlin)."""
+    return 2.0 / math.pi * math.log(count) + 1.0
+
+
+def _terms(modulus: np.ndarray, least: float) -> int:
+    """How many terms are needed for the others to sum to less."""
+    beyond = np.cumsum(modulus[::-1])[::-1]
+    return max(int(np.count_nonzero(beyond > least)), 1)
+
+
+def _rung(terms: float) -> int:
+    """A number of nodes for so many terms."""
+    return next((count for count in _TURNS if count >= terms), _TURNS[-1])
+
+
+def _ratio(model: Model) -> float:
+    """The ratio of the widths of the most elongated lobe, along x and y."""
+    ratios = [part.widths[0] / part.widths[1] for part in model.parts()]
+    return max(ratios, key=lambda ratio: abs(math.log(ratio)), default=1.0)
+
+
+def log_map(
+    model: Model,
+    rtol: float,
+    most: int = 10_000,
+    starts: tuple[float, ...] = STARTS,
+    before: Sequence[LogMap] = (),
+) -> LogMap:
+    """Tabulate the logarithm of an albedo over all heights and azimuths.
+
+    Parameters
+    ----------
+    model : Model
+    rtol : float
+        The relative error asked for, everywhere.
+    most : int
+        Most albedos that are computed.
+    starts : tuple of float
+        Ends in y of the first rectangles; 0 is one of them.
+    before : sequence of LogMap
+        What the model is divided by: the albedo bends along their critical levels.
+
+    Returns
+    -------
+    LogMap
+        With the bounds that were reached.
+
+    Raises
+    ------
+    InputError
+        For an albedo that is not above 0.
+    """
+    quarter = model.isotropic or _symmetric(model, rtol)
+    tree, active = _start(model, rtol, starts, quarter)
+    active, strips = _bent(tree, active, before)
+    leaves: list[tuple[_Rectangle, _Fit]] = []
+    used = rows = 0
+    while active:
+        fits, evaluations = _tabulated(model, active, rtol)
+        used += evaluations
+        rows += sum(rectangle.rows for rectangle in active)
+        poor: list[tuple[_Rectangle, _Fit]] = []
+        for rectangle, fit in zip(active, fits, strict=True):
+            enough = fit.bound <= rtol or fit.missed <= fit.noise
+            short = rectangle.y[1] - rectangle.y[0] < (
+                _SHORTEST if rectangle.strip is None else _SLIM
+            )
+            (leaves if enough or short else poor).append((rectangle, fit))
+        active, spent = [], rows
+        for rectangle, fit in sorted(poor, key=lambda one: -one[1].bound):
+            spent += 2 * rectangle.rows
+            if spent > most:
+                leaves.append((rectangle, fit))
+            else:
+                active += _finer(tree, rectangle, fit, rtol)
+    for k, (rectangle, _) in enumerate(leaves):
+        tree.child[rectangle.node] = [k, -1]
+    series = np.zeros((len(leaves), max(one.turns for one, _ in leaves), _ORDER))
+    for k, (rectangle, fit) in enumerate(leaves):
+        series[k, : rectangle.turns] = fit.series
+    return LogMap(
+        np.array([(*rectangle.y, *rectangle.w) for rectangle, _ in leaves]),
+        np.array([rectangle.warp for rectangle, _ in leaves]),
+        np.array([rectangle.number for rectangle, _ in leaves]),
+        series,
+        np.array([fit.bound for _, fit in leaves]),
+        quarter,
+        np.array(tree.axis),
+        np.array(tree.split),
+        np.array(tree.child),
+        np.array(strips).reshape(-1, STRIP_SIZE),
+        used,
+    )
+
+
+def _start(
+    model: Model, rtol: float, starts: tuple[float, ...], quarter: bool
+) -> tuple[_Tree, list[_Rectangle]]:
+    """The first rectangles."""
+    ends = [-1.0, 1.0] if quarter else np.linspace(0.0, _WHOLE, 5).tolist()
+    # Between the widths of the lobe and a circle.
+    warp = math.sqrt(_ratio(model)) if quarter else 0.0
+    tree, found = _Tree(), []
+    bands = tree.over(tree.leaf(), HEIGHT, list(starts))
+    for band, y in zip(bands, itertools.pairwise(starts), strict=True):
+        for node, w in zip(tree.over(band, TURN, ends), itertools.pairwise(ends), strict=True):
+            found.append(_Rectangle(node, y, w, warp, 1))
+    if model.isotropic:
+        return tree, found
+    # Lines in the middle tell which k suits, and how many nodes it takes along w.
+    middle, across = np.zeros(1), _nodes(_GLANCE)
+    logs, _, _ = _logs(model, [rectangle.grid(middle, across) for rectangle in found], rtol)
+    return tree, [_suited(one, line[0], rtol) for one, line in zip(found, logs, strict=True)]
+
+
+def _bent(
+    tree: _Tree, rectangles: list[_Rectangle], before: Sequence[LogMap]
+) -> tuple[list[_Rectangle], list[np.ndarray]]:
+    """Rectangles cut into strips along critical levels, and all strips."""
+    steps, levels = critical_levels(Maps(tuple(before), None))
+    if levels.size == 0:
+        return rectangles, []
+    box = np.array([(*one.y, *one.w) for one in rectangles])
+    warp = np.array([one.warp for one in rectangles])
+    repeated = Maps(tuple(before[step] for step in steps.tolist()), None)
+    found: list[_Rectangle] = []
+    strips: list[np.ndarray] = []
+    pieces = cut_along(repeated, levels, box, warp)
+    for k, of_one in itertools.groupby(pieces, lambda piece: piece.rectangle):
+        whole = rectangles[k]
+        ranges = [
+            (start, list(together))
+            for start, together in itertools.groupby(of_one, lambda piece: piece.start)
+        ]
+        width = whole.w[1] - whole.w[0]
+        ends = [whole.w[0] + width * start for start, _ in ranges] + [whole.w[1]]
+        plain = [_plain(end, whole.warp) for end in ends]
+        nodes = tree.over(whole.node, TURN, plain)
+        for node, w, (_, together) in zip(nodes, itertools.pairwise(ends), ranges, strict=True):
+            if len(together) == 1:
+                found.append(replace(whole, node=node, w=w))
+                continue
+            for j, piece in enumerate(together):
+                last = j == len(together) - 1
+                strips.append(_strip(whole, w, piece, (j > 0) + 2 * (not last)))
+                number, here = len(strips) - 1, node
+                if not last:
+                    here, node = tree.cut(node, CURVE, number)
+                turns = 1 if whole.turns == 1 else _ALONG
+                inside = tree.enter(here, number), (0.0, 1.0), (0.0, 1.0), 0.0, turns
+                found.append(_Rectangle(*inside, number, strips[-1]))
+    return found, strips
+
+
+def _strip(whole: _Rectangle, w: tuple[float, float], piece: Piece, edges: int) -> np.ndarray:
+    """The numbers of a strip; see `albedo.operators.maps.BENT_TERMS`."""
+    return np.array([whole.warp, *whole.y, *w, piece.ends, edges, *piece.lower, *piece.upper])
+
+
+def _suited(rectangle: _Rectangle, line: np.ndarray, rtol: float) -> _Rectangle:
+    """A rectangle with the k and the nodes along w that suit the albedos at nodes of a line."""
+    across = _nodes(_GLANCE)
+    basis = chebyshev.chebvander(across, _GLANCE - 1)
+    series = np.linalg.solve(basis, line)
+    # What was not resolved tells nothing.
+    least = max(_AMPLE * rtol, 4.0 * float(np.abs(series[-2:]).sum()))
+    found = {rectangle.warp: _terms(np.abs(series), least)}
+    for power in (-1, 1) if rectangle.warp > 0.0 else ():
+        # One k^2 is that of a circle, the other the ratio of widths.
+        other = rectangle.warp ** (1 + power)
+        w = np.array([warped(x, rectangle.warp / other) for x in across])
+        again = np.linalg.solve(basis, chebyshev.chebval(w, series))
+        found[other] = _terms(np.abs(again), least)
+    warp = min(found, key=lambda key: found[key])
+    resolved = least <= _AMPLE * rtol
+    return replace(rectangle, warp=warp, turns=_rung(found[warp] + 2 if resolved else _GLANCE // 3))
+
+
+def _logs(
+    model: Model, grids: list[tuple[np.ndarray, np.ndarray]], rtol: float
+) -> tuple[list[np.ndarray], list[float], int]:
+    """Logarithms of albedos on grids, what they may err by on each, and evaluations."""
+    c, phi = (np.concatenate([grid[k].ravel() for grid in grids]) for k in (0, 1))
+    # Every chunk costs about the same.
+    chunks = [np.arange(k, c.size, -(-c.size // _CHUNK)) for k in range(-(-c.size // _CHUNK))]
+
+    def of_chunk(which: np.ndarray) -> Estimate:
+        return albedo_rows(
+            *([model] * which.size, c[which], phi[which]),
+            rtol=_OWN * rtol,
+            atol=0.0,
+            max_evaluations=_LIMIT,
+        )
+
+    value, error = np.empty(c.size), np.empty(c.size)
+    used = 0
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for which, found in zip(chunks, pool.map(of_chunk, chunks), strict=True):
+            value[which], error[which] = found.value, found.error
+            used += int(found.evaluations.sum())
+    dark = ~(value > 0.0)
+    if dark.any():
+        raise InputError(
+            f"{model.spec} cannot be pumped up: at cos_theta = {c[dark][0]:.3g} "
+            f"its albedo is {value[dark][0]:g}, not above 0"
+        )
+    ends = np.cumsum([cosines.size for cosines, _ in grids])[:-1]
+    logs, errors = np.split(np.log(value), ends), np.split(error / value, ends)
+    shaped = [line.reshape(c.shape) for line, (c, _) in zip(logs, grids, strict=True)]
+    return shaped, [float(own.max()) for own in errors], used
+
+
+def _tabulated(model: Model, rectangles: list[_Rectangle], rtol: float) -> tuple[list[_Fit], int]:
+    """Series on rectangles, and evaluations."""
+    grids = []
+    for one in rectangles:
+        grids.append(one.grid(_nodes(_ORDER), _nodes(one.turns)))
+        grids.append(one.grid(_fresh(_ORDER), _fresh(one.turns)))
+    logs, own, used = _logs(model, grids, rtol)
+    fits = []
+    for k, one in enumerate(rectangles):
+        both = slice(2 * k, 2 * k + 2)
+        fits.append(_fitted(one, [c[:, 0] for c, _ in grids[both]], logs[both], max(own[both])))
+    return fits, used
+
+
+def _fitted(
+    rectangle: _Rectangle, cosines: list[np.ndarray], logs: list[np.ndarray], noise: float
+) -> _Fit:
+    """The series through values at nodes, and how far it misses those at fresh points."""
+    low, high = rectangle.y
+    u, u_fresh = _nodes(_ORDER), _fresh(_ORDER)
+    if rectangle.strip is None:
+        # Cosines are rounded: near 1 they stand for another angle.
+        u, u_fresh = (
+            np.clip(2.0 * (folded(x) - low) / (high - low) - 1.0, -1.0, 1.0) for x in cosines
+        )
+    turned, turns = _nodes(rectangle.turns), rectangle.turns - 1
+    half = np.linalg.solve(chebyshev.chebvander(u, _ORDER - 1), logs[0])
+    series = np.linalg.solve(chebyshev.chebvander(turned, turns), half.T)
+    across = chebyshev.chebvander(_fresh(rectangle.turns), turns) @ series
+    fitted = across @ chebyshev.chebvander(u_fresh, _ORDER - 1).T
+    missed = float(np.abs(fitted - logs[1].T).max())
+    lebesgue = _lebesgue(_ORDER) * _lebesgue(rectangle.turns)
+    return _Fit(series, _TRUST * missed + lebesgue * noise, missed, noise)
+
+
+def _finer(tree: _Tree, rectangle: _Rectangle, fit: _Fit, rtol: float) -> list[_Rectangle]:
+    """What a rectangle is replaced by: more nodes along w, or two halves."""
+    modulus, turns = np.abs(fit.series), rectangle.turns
+    along, across = modulus[:, -3:].sum(), modulus[-2:].sum()
+    wanted = _wanted(modulus.sum(1), rtol) if turns > 1 else 1
+    if turns == 1 or along >= across or (along > rtol / _TRUST and wanted <= _TURNS[-1]):
+        low, high = rectangle.y
+        middle = 0.5 * (low + high)
+        below, above = tree.cut(rectangle.node, HEIGHT, middle)
+        count = _rung(wanted) if wanted <= _TURNS[-1] else turns
+        return [
+            replace(rectangle, node=below, y=(low, middle), turns=count),
+            replace(rectangle, node=above, y=(middle, high), turns=count),
+        ]
+    if wanted <= _TURNS[-1]:
+        return [replace(rectangle, turns=_rung(max(wanted, turns + 2)))]
+    low, high = rectangle.w
+    middle = 0.5 * (low + high)
+    before, after = tree.cut(rectangle.node, TURN, _plain(middle, rectangle.warp))
+    fewer = min(turns, _rung(_GLANCE // 2))
+    return [
+        replace(rectangle, node=before, w=(low, middle), turns=fewer),
+        replace(rectangle, node=after, w=(middle, high), turns=fewer),
+    ]
+
+
+def _wanted(modulus: np.ndarray, rtol: float) -> float:
+    """How many terms along w a tolerance takes, from those that there are, as they fall."""
+    least, last, half = _AMPLE * rtol, modulus[-2:].sum(), modulus.size // 2
+    enough = _terms(modulus, least) + 2
+    if enough <= modulus.size:
+        return enough
+    fall = math.log(max(modulus[half - 1 :].max() / last, 1.0)) / half
+    return float(modulus.size + math.log(max(last / least, 1.0)) / max(fall, 1e-3))
+
+
+def _plain(w: float, warp: float) -> float:
+    """The w of k = 1 at the same azimuth."""
+    return warped(w, 1.0 / warp) if warp > 0.0 else w
+
+
+def _symmetric(model: Model, rtol: float) -> bool:
+    """Whether albedos mirrored at tangent and bitangent are the same, as far as is known."""
+    rng = np.random.default_rng(1)
+    deep = 0.5 * np.exp(-10.0 * rng.random(_SYMMETRY_CHECKS))
+    c = np.concatenate((rng.random(_SYMMETRY_CHECKS), deep))
+    phi = rng.uniform(0.0, _QUARTER, c.size)
+    found = [
+        albedo_rows([model] * c.size, c, turn, rtol=_OWN * rtol, atol=0.0)
+        for turn in (phi, -phi, math.pi - phi, math.pi + phi)
+    ]
+    first = found[0]
+    return all(
+        bool(np.all(np.abs(other.value - first.value) <= first.error + other.error))
+        for other in found[1:]
+    )
