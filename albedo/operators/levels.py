@@ -25,9 +25,10 @@ from albedo.operators.maps import Maps
 # Looks along y, and along azimuths of a quarter. Below this albedos are powers of the cosine.
 _LOWEST, _ALONG, _AROUND = -16.0, 600, 48
 # Steps of differences, of Newton's method, and how far it may go.
-_APART, _STEPS, _FAR = 2e-3, 6, 0.2
-# Where an albedo bends by less than this there is nothing to see.
-_FLAT = 1e-6
+_APART, _STEPS, _FAR = 5e-3, 6, 0.2
+# Where an albedo bends by less than this there is nothing to see, nor where looks differ by less
+# than so many errors of its table.
+_FLAT, _SEEN = 1e-6, 16.0
 # Levels as near as this are one.
 _SAME = 1e-7
 
@@ -77,8 +78,10 @@ def _ridges(maps: Maps, step: int) -> list[float]:
     y = np.linspace(_LOWEST, LAST, _ALONG)
     value = _values(maps, step, y, np.zeros(_ALONG))
     found = [float(value[-1])]
+    rise = np.diff(value)
+    seen = np.maximum(np.abs(rise[1:]), np.abs(rise[:-1])) > _SEEN * maps.errors[step]
     for k in range(1, _ALONG - 1):
-        if (value[k] - value[k - 1]) * (value[k + 1] - value[k]) < 0.0:
+        if seen[k - 1] and rise[k - 1] * rise[k] < 0.0:
             place = _newton(maps, step, y[k], 0.0, False)
             if place is not None:
                 found.append(place)
@@ -95,13 +98,14 @@ def _points(maps: Maps, step: int, quarter: bool) -> list[float]:
     # One more column on both sides: mirrored, or the other end.
     wide = np.pad(value, ((0, 0), (1, 1)), mode="reflect" if quarter else "wrap")
     rings = [(-1, -1), (-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1), (0, -1)]
-    inner, middle = wide[1:-1, 1:-1], []
-    for i, j in rings:
-        middle.append(wide[1 + i : _ALONG - 1 + i, 1 + j : around + 1 + j] > inner)
-    above = np.array(middle)
-    changes = (above != np.roll(above, 1, axis=0)).sum(0)
+    apart = (
+        np.array([wide[1 + i : _ALONG - 1 + i, 1 + j : around + 1 + j] for i, j in rings])
+        - wide[1:-1, 1:-1]
+    )
+    changes = ((apart > 0.0) != (np.roll(apart, 1, axis=0) > 0.0)).sum(0)
+    seen = np.abs(apart).max(0) > _SEEN * maps.errors[step]
     found = [float(_values(maps, step, np.array([LAST]), np.zeros(1))[0])]
-    for i, j in zip(*np.nonzero(changes != 2), strict=True):
+    for i, j in zip(*np.nonzero(seen & (changes != 2)), strict=True):
         on_axis = quarter and j in (0, around - 1)
         place = _newton(maps, step, y[i + 1], phi[j], not on_axis)
         if place is not None:
@@ -112,6 +116,7 @@ def _points(maps: Maps, step: int, quarter: bool) -> list[float]:
 def _newton(maps: Maps, step: int, y: float, phi: float, turning: bool) -> float | None:
     """The level of a critical point near a place; nothing if there is none."""
     h = _APART
+    least = max(_FLAT, _SEEN * maps.errors[step] / (h * h))
     start = np.array([y, phi])
     place, hessian = start.copy(), np.zeros((2, 2))
     along = h * np.array([0.0, 1.0, -1.0, 0.0, 0.0, 1.0, -1.0, 1.0, -1.0])
@@ -125,7 +130,7 @@ def _newton(maps: Maps, step: int, y: float, phi: float, turning: bool) -> float
         # On an axis of symmetry the azimuth stays.
         free = slice(0, 2 if turning else 1)
         own = hessian[free, free]
-        if np.abs(np.linalg.eigvalsh(own)).min() < _FLAT:
+        if np.abs(np.linalg.eigvalsh(own)).min() < least:
             return None
         place[free] -= np.linalg.solve(own, slope[free])
         if np.abs(place - start).max() > _FAR or place[0] > LAST - 2.0 * h:

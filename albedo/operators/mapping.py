@@ -206,6 +206,8 @@ def log_map(
     quarter = model.isotropic or _symmetric(model, rtol)
     tree, active = _start(model, rtol, starts, quarter)
     active, strips = _bent(tree, active, before)
+    if strips and not model.isotropic:
+        active = _counted(model, active, rtol)
     leaves: list[tuple[_Rectangle, _Fit]] = []
     used = rows = 0
     while active:
@@ -310,13 +312,34 @@ def _strip(whole: _Rectangle, w: tuple[float, float], piece: Piece, edges: int) 
     return np.array([whole.warp, *whole.y, *w, piece.ends, edges, *piece.lower, *piece.upper])
 
 
+def _counted(model: Model, rectangles: list[_Rectangle], rtol: float) -> list[_Rectangle]:
+    """Rectangles with the nodes along w that lines in their middles ask for."""
+    middle, across = np.zeros(1), _nodes(_GLANCE)
+    logs, _, _ = _logs(model, [rectangle.grid(middle, across) for rectangle in rectangles], rtol)
+    found = []
+    for rectangle, line in zip(rectangles, logs, strict=True):
+        series = np.linalg.solve(chebyshev.chebvander(across, _GLANCE - 1), line[0])
+        least = _least(series, rtol)
+        found.append(replace(rectangle, turns=_many(_terms(np.abs(series), least), least, rtol)))
+    return found
+
+
+def _least(series: np.ndarray, rtol: float) -> float:
+    """Which terms need no nodes: those that sum to less, or were not resolved."""
+    return max(_AMPLE * rtol, 4.0 * float(np.abs(series[-2:]).sum()))
+
+
+def _many(terms: int, least: float, rtol: float) -> int:
+    """Nodes for so many terms: what was not resolved tells nothing."""
+    return _rung(terms + 2 if least <= _AMPLE * rtol else _GLANCE // 3)
+
+
 def _suited(rectangle: _Rectangle, line: np.ndarray, rtol: float) -> _Rectangle:
     """A rectangle with the k and the nodes along w that suit the albedos at nodes of a line."""
     across = _nodes(_GLANCE)
     basis = chebyshev.chebvander(across, _GLANCE - 1)
     series = np.linalg.solve(basis, line)
-    # What was not resolved tells nothing.
-    least = max(_AMPLE * rtol, 4.0 * float(np.abs(series[-2:]).sum()))
+    least = _least(series, rtol)
     found = {rectangle.warp: _terms(np.abs(series), least)}
     for power in (-1, 1) if rectangle.warp > 0.0 else ():
         # One k^2 is that of a circle, the other the ratio of widths.
@@ -325,8 +348,7 @@ def _suited(rectangle: _Rectangle, line: np.ndarray, rtol: float) -> _Rectangle:
         again = np.linalg.solve(basis, chebyshev.chebval(w, series))
         found[other] = _terms(np.abs(again), least)
     warp = min(found, key=lambda key: found[key])
-    resolved = least <= _AMPLE * rtol
-    return replace(rectangle, warp=warp, turns=_rung(found[warp] + 2 if resolved else _GLANCE // 3))
+    return replace(rectangle, warp=warp, turns=_many(found[warp], least, rtol))
 
 
 def _logs(

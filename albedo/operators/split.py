@@ -34,6 +34,8 @@ _TERMS, _BESIDE, _SHORTEST, _ASTRAY = BENT_TERMS, 1e-5, 1e-3, 1e-3
 _CLOSE_BY = 1e-5
 _NODES = np.polynomial.chebyshev.chebpts1(_TERMS)
 _TO_SERIES = np.linalg.inv(np.polynomial.chebyshev.chebvander(_NODES, _TERMS - 1))
+# What a pattern counts up to, of one function.
+_POSITIVE = 8
 # More kinks than this on one line are left to the integrator.
 _MOST = 12
 _ROOT_STEPS, _CLOSE = 60, 1e-10
@@ -246,10 +248,11 @@ def _keep(places, count, x):
 
 @kernel
 def _places(base, g, code, box, u, known, control, changes, at_l, weak, counting, places, ends):
-    """Fill places in (0, 1) of a line where signs change, in order; return how many, and which.
+    """Fill places in (0, 1) of a line where signs change, in order; return how many, and a pattern.
 
-    `ends` are filled with the least that the functions are away from 0 at both ends. Places are
-    rough while they are only counted.
+    The pattern tells how many are of which function, and its sign at the start: where a curve runs
+    along a line, all of the line changes its sign. `ends` are filled with the least that the
+    functions are away from 0 at both ends. Places are rough while they are only counted.
     """
     looks, wi = np.empty(_LOOKS), np.empty((3, 1))
     views, sums, weights = np.empty((3, 1, _LOOKS)), np.empty((3, 1, _LOOKS)), np.empty((1, _LOOKS))
@@ -291,6 +294,8 @@ def _places(base, g, code, box, u, known, control, changes, at_l, weak, counting
                     )
                 count = _keep(places, count, x)
                 pattern += mark
+            if before < 0 and seen[j, i] > 0.0:
+                pattern += _POSITIVE * mark
             before = i
         for i in range(1, _LOOKS - 1):
             a, b, fa, fb = looks[i - 1], looks[i], seen[j, i - 1], seen[j, i]
