@@ -56,8 +56,7 @@ def critical_levels(maps: Maps) -> tuple[np.ndarray, np.ndarray]:
         levels.sort()
         kept = [x for k, x in enumerate(levels) if k == 0 or x - levels[k - 1] > _SAME]
         found += [(step, level) for level in kept]
-    steps, levels = zip(*found, strict=True) if found else ((), ())
-    return np.array(steps, dtype=int), np.array(levels)
+    return np.array([step for step, _ in found], dtype=int), np.array([x for _, x in found])
 
 
 def _values(maps: Maps, step: int, y: np.ndarray, phi: np.ndarray) -> np.ndarray:

@@ -39,11 +39,13 @@ from albedo.operators.maps import (
 from albedo.operators.split import Piece, cut_along
 from albedo.quadrature import albedo_rows
 
-# Nodes along y, and the numbers of them that there may be along w.
+# Most nodes along y, and the numbers of them that there may be along y and along w.
 _ORDER = 16
+_ORDERS = (8, 12, 16)
 _TURNS = (1, 4, 6, 8, 10, 12, 14, 16, 20, 24, 28, 32)
-# Nodes of the first look along w, and along strips.
-_GLANCE, _ALONG = 32, 14
+# Nodes of the first look along w, and how many there are where that is not resolved; where lines
+# across rectangles lie that tell how many there should be: in the middle they may be too even.
+_GLANCE, _UNSEEN, _ASIDE = 32, 10, 0.4
 # Between its nodes an interpolant errs most. Fresh points stand in every second gap, and at both
 # ends: what a gap between them hides is not many times as much.
 _TRUST = 8.0
@@ -101,8 +103,8 @@ class _Tree:
 class _Rectangle:
     """A rectangle that is to be tabulated.
 
-    A leaf of the tree, ends in y and w, the k^2 of its w, and nodes along w. Or ends in the shares
-    of a strip, which has a number.
+    A leaf of the tree, ends in y and w, the k^2 of its w, and nodes along w, 0 as long as that is
+    unknown. Or ends in the shares of a strip, which has a number.
     """
 
     node: int
@@ -112,11 +114,32 @@ class _Rectangle:
     turns: int
     number: int = -1
     strip: np.ndarray | None = None
+    order: int = _ORDER
 
     @property
     def rows(self) -> int:
         """How many albedos it takes."""
-        return _ORDER * self.turns + _fresh(_ORDER).size * _fresh(self.turns).size
+        return self.order * self.turns + _fresh(self.order).size * _fresh(self.turns).size
+
+    @property
+    def short(self) -> bool:
+        """Whether it is not to be cut any more."""
+        least = _SHORTEST if self.strip is None else _SLIM
+        return min(self.y[1] - self.y[0], self.w[1] - self.w[0]) < least
+
+    def halves(self, tree: _Tree, axis: int) -> list[_Rectangle]:
+        """Two rectangles in its place, of which nothing is known."""
+        y, w = self.y, self.w
+        place = 0.5 * sum(y) if axis == HEIGHT else _plain(0.5 * sum(w), self.warp)
+        below, above = tree.cut(self.node, axis, place)
+        new = replace(self, turns=1 if self.turns == 1 else 0, order=_ORDER)
+        if axis == HEIGHT:
+            middle = 0.5 * sum(y)
+            low, high = (y[0], middle), (middle, y[1])
+            return [replace(new, node=below, y=low), replace(new, node=above, y=high)]
+        middle = 0.5 * sum(w)
+        low, high = (w[0], middle), (middle, w[1])
+        return [replace(new, node=below, w=low), replace(new, node=above, w=high)]
 
     def grid(self, along: np.ndarray, across: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Cosines, and azimuths, of nodes given in [-1, 1]: along y first."""
@@ -206,21 +229,22 @@ def log_map(
     quarter = model.isotropic or _symmetric(model, rtol)
     tree, active = _start(model, rtol, starts, quarter)
     active, strips = _bent(tree, active, before)
-    if strips and not model.isotropic:
-        active = _counted(model, active, rtol)
     leaves: list[tuple[_Rectangle, _Fit]] = []
     used = rows = 0
     while active:
+        unknown = [rectangle for rectangle in active if rectangle.turns == 0]
+        if unknown:
+            seen, taken, evaluations = _seen(model, tree, unknown, rtol, rows < most)
+            active = [rectangle for rectangle in active if rectangle.turns] + seen
+            rows, used = rows + taken, used + evaluations
+            continue
         fits, evaluations = _tabulated(model, active, rtol)
         used += evaluations
         rows += sum(rectangle.rows for rectangle in active)
         poor: list[tuple[_Rectangle, _Fit]] = []
         for rectangle, fit in zip(active, fits, strict=True):
             enough = fit.bound <= rtol or fit.missed <= fit.noise
-            short = rectangle.y[1] - rectangle.y[0] < (
-                _SHORTEST if rectangle.strip is None else _SLIM
-            )
-            (leaves if enough or short else poor).append((rectangle, fit))
+            (leaves if enough or rectangle.short else poor).append((rectangle, fit))
         active, spent = [], rows
         for rectangle, fit in sorted(poor, key=lambda one: -one[1].bound):
             spent += 2 * rectangle.rows
@@ -232,7 +256,7 @@ def log_map(
         tree.child[rectangle.node] = [k, -1]
     series = np.zeros((len(leaves), max(one.turns for one, _ in leaves), _ORDER))
     for k, (rectangle, fit) in enumerate(leaves):
-        series[k, : rectangle.turns] = fit.series
+        series[k, : rectangle.turns, : rectangle.order] = fit.series
     return LogMap(
         np.array([(*rectangle.y, *rectangle.w) for rectangle, _ in leaves]),
         np.array([rectangle.warp for rectangle, _ in leaves]),
@@ -291,17 +315,24 @@ def _bent(
         ends = [whole.w[0] + width * start for start, _ in ranges] + [whole.w[1]]
         plain = [_plain(end, whole.warp) for end in ends]
         nodes = tree.over(whole.node, TURN, plain)
-        for node, w, (_, together) in zip(nodes, itertools.pairwise(ends), ranges, strict=True):
-            if len(together) == 1:
-                found.append(replace(whole, node=node, w=w))
-                continue
+        alone = [False, *(len(together) == 1 for _, together in ranges), False]
+        for i, (_, together) in enumerate(ranges):
+            node, w = nodes[i], (ends[i], ends[i + 1])
+            if alone[i + 1]:
+                # Between two pieces as high as their rectangle a curve runs across w.
+                meets = alone[i] + 2 * alone[i + 2]
+                if not meets:
+                    turns = whole.turns if len(ranges) == 1 or whole.turns == 1 else 0
+                    found.append(replace(whole, node=node, w=w, turns=turns))
+                    continue
+                together = [replace(together[0], ends=meets)]
             for j, piece in enumerate(together):
                 last = j == len(together) - 1
                 strips.append(_strip(whole, w, piece, (j > 0) + 2 * (not last)))
                 number, here = len(strips) - 1, node
                 if not last:
                     here, node = tree.cut(node, CURVE, number)
-                turns = 1 if whole.turns == 1 else _ALONG
+                turns = 1 if whole.turns == 1 else 0
                 inside = tree.enter(here, number), (0.0, 1.0), (0.0, 1.0), 0.0, turns
                 found.append(_Rectangle(*inside, number, strips[-1]))
     return found, strips
@@ -312,26 +343,38 @@ def _strip(whole: _Rectangle, w: tuple[float, float], piece: Piece, edges: int) 
     return np.array([whole.warp, *whole.y, *w, piece.ends, edges, *piece.lower, *piece.upper])
 
 
-def _counted(model: Model, rectangles: list[_Rectangle], rtol: float) -> list[_Rectangle]:
-    """Rectangles with the nodes along w that lines in their middles ask for."""
-    middle, across = np.zeros(1), _nodes(_GLANCE)
-    logs, _, _ = _logs(model, [rectangle.grid(middle, across) for rectangle in rectangles], rtol)
+def _seen(
+    model: Model, tree: _Tree, rectangles: list[_Rectangle], rtol: float, cut: bool
+) -> tuple[list[_Rectangle], int, int]:
+    """Rectangles with the nodes that lines across them ask for, or halves of them.
+
+    Also the albedos that it took, and evaluations.
+    """
+    aside, across, up = np.array([_ASIDE]), _nodes(_GLANCE), _nodes(_ORDER)
+    grids = [one.grid(*lines) for one in rectangles for lines in ((aside, across), (up, aside))]
+    logs, own, used = _logs(model, grids, rtol)
     found = []
-    for rectangle, line in zip(rectangles, logs, strict=True):
-        series = np.linalg.solve(chebyshev.chebvander(across, _GLANCE - 1), line[0])
-        least = _least(series, rtol)
-        found.append(replace(rectangle, turns=_many(_terms(np.abs(series), least), least, rtol)))
-    return found
+    for k, one in enumerate(rectangles):
+        (along, over), noise = logs[2 * k : 2 * k + 2], max(own[2 * k : 2 * k + 2])
+        w = np.linalg.solve(chebyshev.chebvander(across, _GLANCE - 1), along[0])
+        y = np.linalg.solve(chebyshev.chebvander(up, _ORDER - 1), over[:, 0])
+        least = _least(w, rtol)
+        # What albedos themselves err by is no reason to cut.
+        rough = np.abs(y[-3:]).sum() > max(rtol, noise)
+        turning = least > max(_AMPLE * rtol, _TRUST * noise)
+        if cut and not one.short and (rough or turning):
+            found += one.halves(tree, HEIGHT if rough else TURN)
+            continue
+        terms = _terms(np.abs(y), _AMPLE * rtol) + 2
+        order = next((count for count in _ORDERS if count >= terms), _ORDER)
+        turns = _UNSEEN if turning else _rung(_terms(np.abs(w), least) + 2)
+        found.append(replace(one, turns=turns, order=order))
+    return found, len(rectangles) * (_GLANCE + _ORDER), used
 
 
 def _least(series: np.ndarray, rtol: float) -> float:
     """Which terms need no nodes: those that sum to less, or were not resolved."""
     return max(_AMPLE * rtol, 4.0 * float(np.abs(series[-2:]).sum()))
-
-
-def _many(terms: int, least: float, rtol: float) -> int:
-    """Nodes for so many terms: what was not resolved tells nothing."""
-    return _rung(terms + 2 if least <= _AMPLE * rtol else _GLANCE // 3)
 
 
 def _suited(rectangle: _Rectangle, line: np.ndarray, rtol: float) -> _Rectangle:
@@ -348,7 +391,8 @@ def _suited(rectangle: _Rectangle, line: np.ndarray, rtol: float) -> _Rectangle:
         again = np.linalg.solve(basis, chebyshev.chebval(w, series))
         found[other] = _terms(np.abs(again), least)
     warp = min(found, key=lambda key: found[key])
-    return replace(rectangle, warp=warp, turns=_many(found[warp], least, rtol))
+    turns = _rung(found[warp] + 2) if least <= _AMPLE * rtol else 0
+    return replace(rectangle, warp=warp, turns=turns)
 
 
 def _logs(
@@ -389,8 +433,8 @@ def _tabulated(model: Model, rectangles: list[_Rectangle], rtol: float) -> tuple
     """Series on rectangles, and evaluations."""
     grids = []
     for one in rectangles:
-        grids.append(one.grid(_nodes(_ORDER), _nodes(one.turns)))
-        grids.append(one.grid(_fresh(_ORDER), _fresh(one.turns)))
+        grids.append(one.grid(_nodes(one.order), _nodes(one.turns)))
+        grids.append(one.grid(_fresh(one.order), _fresh(one.turns)))
     logs, own, used = _logs(model, grids, rtol)
     fits = []
     for k, one in enumerate(rectangles):
@@ -404,46 +448,35 @@ def _fitted(
 ) -> _Fit:
     """The series through values at nodes, and how far it misses those at fresh points."""
     low, high = rectangle.y
-    u, u_fresh = _nodes(_ORDER), _fresh(_ORDER)
+    u, u_fresh = _nodes(rectangle.order), _fresh(rectangle.order)
     if rectangle.strip is None:
         # Cosines are rounded: near 1 they stand for another angle.
         u, u_fresh = (
             np.clip(2.0 * (folded(x) - low) / (high - low) - 1.0, -1.0, 1.0) for x in cosines
         )
-    turned, turns = _nodes(rectangle.turns), rectangle.turns - 1
-    half = np.linalg.solve(chebyshev.chebvander(u, _ORDER - 1), logs[0])
-    series = np.linalg.solve(chebyshev.chebvander(turned, turns), half.T)
+    top, turns = rectangle.order - 1, rectangle.turns - 1
+    half = np.linalg.solve(chebyshev.chebvander(u, top), logs[0])
+    series = np.linalg.solve(chebyshev.chebvander(_nodes(rectangle.turns), turns), half.T)
     across = chebyshev.chebvander(_fresh(rectangle.turns), turns) @ series
-    fitted = across @ chebyshev.chebvander(u_fresh, _ORDER - 1).T
+    fitted = across @ chebyshev.chebvander(u_fresh, top).T
     missed = float(np.abs(fitted - logs[1].T).max())
-    lebesgue = _lebesgue(_ORDER) * _lebesgue(rectangle.turns)
+    lebesgue = _lebesgue(rectangle.order) * _lebesgue(rectangle.turns)
     return _Fit(series, _TRUST * missed + lebesgue * noise, missed, noise)
 
 
 def _finer(tree: _Tree, rectangle: _Rectangle, fit: _Fit, rtol: float) -> list[_Rectangle]:
-    """What a rectangle is replaced by: more nodes along w, or two halves."""
+    """What a rectangle is replaced by: more nodes, or two halves."""
     modulus, turns = np.abs(fit.series), rectangle.turns
     along, across = modulus[:, -3:].sum(), modulus[-2:].sum()
     wanted = _wanted(modulus.sum(1), rtol) if turns > 1 else 1
     if turns == 1 or along >= across or (along > rtol / _TRUST and wanted <= _TURNS[-1]):
-        low, high = rectangle.y
-        middle = 0.5 * (low + high)
-        below, above = tree.cut(rectangle.node, HEIGHT, middle)
-        count = _rung(wanted) if wanted <= _TURNS[-1] else turns
-        return [
-            replace(rectangle, node=below, y=(low, middle), turns=count),
-            replace(rectangle, node=above, y=(middle, high), turns=count),
-        ]
+        if rectangle.order == _ORDER:
+            return rectangle.halves(tree, HEIGHT)
+        more = _rung(wanted) if wanted <= _TURNS[-1] else turns
+        return [replace(rectangle, order=_ORDER, turns=max(turns, more))]
     if wanted <= _TURNS[-1]:
         return [replace(rectangle, turns=_rung(max(wanted, turns + 2)))]
-    low, high = rectangle.w
-    middle = 0.5 * (low + high)
-    before, after = tree.cut(rectangle.node, TURN, _plain(middle, rectangle.warp))
-    fewer = min(turns, _rung(_GLANCE // 2))
-    return [
-        replace(rectangle, node=before, w=(low, middle), turns=fewer),
-        replace(rectangle, node=after, w=(middle, high), turns=fewer),
-    ]
+    return rectangle.halves(tree, TURN)
 
 
 def _wanted(modulus: np.ndarray, rtol: float) -> float:

@@ -27,9 +27,8 @@ from albedo.operators.stages import Stages, stages
 _MOST_STEPS = 100
 # What the albedos that are divided by are worth: twenty curves leave 1e-8.
 _OF_CURVES = 1.2e-10
-# What albedos are worth that are divided by tables, in what the last table was asked for: one that
-# bends may be worth less.
-_FOLD, _FOLD_LATER = 5.0, 20.0
+# What albedos that are divided by tables are worth, in what the tables were asked for.
+_FOLD = 1.2
 
 
 class _Dividing(Protocol):
@@ -139,8 +138,7 @@ class Pumped(Model):
         """The relative error that its albedos reach by default."""
         if self._in_rings or self.steps == 0:
             return 1e-8
-        fold = _FOLD if self.steps == 1 else _FOLD_LATER
-        return max(fold * self._of_tables.worth(self.steps - 1), 1e-8)
+        return max(_FOLD * self._of_tables.reach(self.steps), 1e-8)
 
     @property
     def _of_tables(self) -> Stages:
@@ -319,8 +317,8 @@ def pump(
         max(n.l, n.v).
     rtol : float, optional
         What the albedos that are divided by are to be worth: 1.2e-10 by default; where they depend
-        on the azimuth, or a part of an isotropic model has no rings, 2e-9 for the first and 5e-6
-        for later ones. The error that they leave in the result is part of its bound.
+        on the azimuth, or a part of an isotropic model has no rings, 3e-10 for the first and
+        1.5e-9 for later ones. The error that they leave in the result is part of its bound.
 
     Returns
     -------

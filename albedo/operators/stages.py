@@ -29,10 +29,11 @@ from albedo.operators.split import SplitChart
 # A table that errs by more somewhere is of a function that jumps: what it promises elsewhere is
 # not to be trusted.
 _JUMPS = 0.1
-# What tables are to be worth: the first albedo is smooth, later ones bend along curves.
-_FIRST, _LATER = 2e-9, 5e-6
-# Most albedos that are computed for one.
-_MOST_FIRST, _MOST_LATER = 10_000, 7_000
+# What tables are to be worth: three of them leave 1e-8.
+_FIRST, _LATER = 3e-10, 1.5e-9
+# Most albedos that are computed for one: the first albedo is smooth, later ones bend along curves.
+# Where tables before it are worth less than this, its own is not to be had any better.
+_MOST_FIRST, _MOST_LATER, _POOR = 10_000, 80_000, 1e-5
 # Where later ones bend most, measured.
 _FINER = tuple(sorted({*STARTS, -3.25, -1.4}))
 # Averages of errors need few digits; they are looked at in so many places along both sides of a
@@ -73,7 +74,9 @@ class Stages:
             if k == 0:
                 table = log_map(present, self.worth(k), _MOST_FIRST)
             else:
-                table = log_map(present, self.worth(k), _MOST_LATER, _FINER, self.tables)
+                poor = max(float(table.error.max()) for table in self.tables) > _POOR
+                most = _MOST_FIRST if poor else _MOST_LATER
+                table = log_map(present, self.worth(k), most, _FINER, self.tables)
                 table = replace(table, error=table.error + self._inherited(table))
             self.tables.append(table)
         return self.tables[:steps]
@@ -83,6 +86,13 @@ class Stages:
         if self.rtol is not None:
             return self.rtol
         return _LATER if step > 0 else _FIRST
+
+    def reach(self, steps: int) -> float:
+        """What albedos after some steps are to be worth: each table has the errors of all before."""
+        total = 0.0
+        for step in range(steps):
+            total += self.worth(step) + _BETWEEN * total
+        return total
 
     def _inherited(self, table: LogMap) -> np.ndarray:
         """What all tables so far make an albedo err by, on every rectangle of its table."""
