@@ -12,14 +12,17 @@ from steps import nystrom
 import albedo
 from albedo._compile import kernel
 from albedo.brdf import Model, Part, Real
+from albedo.charts._compiled import clustered
 from albedo.charts.cosine import CosineChart
 from albedo.directions import spherical
 from albedo.errors import InputError
 from albedo.integrators.adaptive import integrate
 from albedo.integrators.cells import ModelIntegrand
+from albedo.operators.levels import critical_levels
 from albedo.operators.mapping import log_map
+from albedo.operators.maps import Maps, directions_of
 from albedo.operators.pump import _of_stage
-from albedo.operators.split import SplitChart
+from albedo.operators.split import SplitChart, cut_along
 from albedo.operators.stages import Stages
 
 
@@ -138,8 +141,11 @@ def test_lobes_may_lie_anywhere(base: Model) -> None:
         assert misses[1] <= 0.3 * misses[0] + 1e-5
 
 
+SLOW = pytest.mark.slow
+
+
 @pytest.mark.parametrize(
-    ("steps", "rtol"), [(1, None), (1, 1e-3), pytest.param(2, 1e-3, marks=pytest.mark.slow)]
+    ("steps", "rtol"), [(1, None), (1, 1e-3), (2, 1e-3), pytest.param(2, 1e-6, marks=SLOW)]
 )
 def test_steps_over_a_saddle_are_integrals_over_levels(steps: int, rtol: float | None) -> None:
     """The level through the saddle crosses itself, and all albedos but the first bend there."""
@@ -151,6 +157,112 @@ def test_steps_over_a_saddle_are_integrals_over_levels(steps: int, rtol: float |
     assert found.converged.all()
     assert np.all(np.abs(found.value - exact) <= found.error)
     assert np.all(found.error <= model.usual_rtol * exact)
+
+
+def test_critical_levels_are_found() -> None:
+    """The saddle at the normal of a product, and the extrema of Ward's lobe along both axes."""
+    table = log_map(Saddle(), 1e-9)
+    steps, levels = critical_levels(Maps((table,), None))
+    assert np.all(steps == 0)
+    # The level of the saddle is g = 1; what its own table errs by.
+    assert np.abs(levels).min() <= 1e-9
+    table = log_map(ELLIPTIC, 1e-8)
+    _, levels = critical_levels(Maps((table,), None))
+    c, phi = np.meshgrid(np.exp(np.linspace(-8.0, 0.0, 400)), [0.0, 0.5 * math.pi], indexing="ij")
+    along = np.log(table.at(spherical(c.ravel(), phi.ravel()))).reshape(c.shape)
+    for line in along.T:
+        turns = 1 + np.flatnonzero(np.diff(line)[1:] * np.diff(line)[:-1] < 0.0)
+        assert turns.size == 1
+        # The best of the samples is as near as their second difference.
+        slack = np.abs(np.diff(line, 2)).max()
+        assert np.abs(levels - line[turns[0]]).min() <= slack
+
+
+def test_strips_lie_between_levels_and_cover_their_rectangle() -> None:
+    maps = Maps((log_map(ELLIPTIC, 1e-9),), None)
+    _, levels = critical_levels(maps)
+    box, warp = np.array([[-1.4, -0.8, -1.0, 1.0], [-8.0, -4.5, -1.0, 1.0]]), np.array([1.0, 2.0])
+    repeated = Maps(maps.tables * levels.size, None)
+    pieces = cut_along(repeated, levels, box, warp)
+    assert {piece.rectangle for piece in pieces} == {0, 1}
+    t = np.linspace(0.0, 1.0, 7)
+    covered = np.zeros(2)
+    for piece in pieces:
+        lower, upper = (
+            np.polynomial.chebyshev.chebval(2.0 * t - 1.0, series)
+            for series in (piece.lower, piece.upper)
+        )
+        assert np.all(lower <= upper + 1e-5)
+        k = piece.rectangle
+        share = clustered_share(t, piece.ends)
+        w = piece.start + share * (piece.end - piece.start)
+        covered[k] += np.trapezoid(upper - lower, w)
+        for edge in (lower, upper):
+            if edge.min() == edge.max():
+                continue
+            y = box[k, 0] + np.clip(edge, 0.0, 1.0) * (box[k, 1] - box[k, 0])
+            c, phi = directions_of(y, 2.0 * w - 1.0, float(warp[k]))
+            off = np.abs(maps.logs(spherical(c, phi)) - levels).min(1)
+            # The series may miss a place by 1e-5 of the height, over which the albedo changes by
+            # no more than its slope in y, 1.
+            assert off.max() <= 2e-5 * (box[k, 1] - box[k, 0])
+    # Neighbours have the same edges, so that only the trapezoids of different pieces differ.
+    np.testing.assert_allclose(covered, 1.0, atol=0.02)
+
+
+def clustered_share(t: np.ndarray, ends: int) -> np.ndarray:
+    return np.array([clustered(x, ends)[0] for x in t])
+
+
+@pytest.mark.slow
+def test_a_second_step_over_azimuths_bends_along_levels() -> None:
+    base = ELLIPTIC
+    model = albedo.pump(base, 2, rtol=1e-4)
+    rng = np.random.default_rng(4)
+    c = np.concatenate((rng.random(6), np.exp(-8.0 * rng.random(6))))
+    phi = rng.uniform(0.0, math.pi, c.size)
+    found = albedo.directional_albedo(model, c, phi, rtol=model.usual_rtol)
+    assert found.converged.all()
+    assert np.all(found.error <= model.usual_rtol * found.value)
+    # Tables that are ten times better; both bounds hold.
+    finer = albedo.pump(base, 2, rtol=1e-5)
+    exact = albedo.directional_albedo(finer, c, phi, rtol=finer.usual_rtol)
+    assert exact.converged.all()
+    assert np.all(np.abs(found.value - exact.value) <= found.error + exact.error)
+
+
+def test_a_curve_along_the_lines_of_a_panel_is_a_kink() -> None:
+    """All of a line changes its sign there at once, so that no count of places tells of it."""
+    (part,) = _of_stage(ELLIPTIC, 1, None, None).parts()
+    c, phi = np.array([0.0055241, 0.01385, 0.018046]), np.array([1.47153, 1.409, 0.305])
+    p = part.packed(np.tile(np.array(ELLIPTIC.pack()), (c.size, 1)))
+
+    def integrand(row: np.ndarray, wi: np.ndarray, wo: np.ndarray, h: np.ndarray) -> np.ndarray:
+        out = np.empty(wo.shape[1:])
+        part.fill(wi, wo, h, p[row], out)
+        return out * part.scale
+
+    widths = np.tile(part.widths, (c.size, 1))
+    found, plain = (
+        integrate(chart, integrand, c, phi, widths, False, rtol=rtol, atol=0.0, limit=4_000_000)
+        for chart, rtol in ((part.chart, 1e-10), (part.chart.chart, 1e-8))
+    )
+    assert found.converged.all()
+    assert plain.converged.all()
+    assert np.all(np.abs(found.value - plain.value) <= found.error + plain.error)
+    # With a kink inside a panel, 300,000 to 400,000.
+    assert found.evaluations.max() <= 100_000
+
+
+def test_a_curve_may_close_between_two_lines() -> None:
+    """A loop around the normal, a hundredth of a panel wide, which no node of a rule sees either."""
+    c = 0.00597966 + 1e-7 * np.arange(-2, 6)
+    model = _of_stage(ELLIPTIC, 1, None, None)
+    found = albedo.directional_albedo(model, c, 0.18994077, rtol=1e-10)
+    assert found.converged.all()
+    # Over so short a distance the albedo is a parabola; a loop that is not seen is worth 3e-9.
+    third = np.abs(np.diff(found.value, 3)).max()
+    assert third <= 8.0 * found.error.max()
 
 
 @pytest.mark.parametrize("base", [ELLIPTIC, pytest.param(GGX, marks=pytest.mark.slow)], ids=str)

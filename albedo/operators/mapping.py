@@ -414,9 +414,13 @@ def _logs(
     value, error = np.empty(c.size), np.empty(c.size)
     used = 0
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for which, found in zip(chunks, pool.map(of_chunk, chunks), strict=True):
-            value[which], error[which] = found.value, found.error
-            used += int(found.evaluations.sum())
+        try:
+            for which, found in zip(chunks, pool.map(of_chunk, chunks), strict=True):
+                value[which], error[which] = found.value, found.error
+                used += int(found.evaluations.sum())
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
     dark = ~(value > 0.0)
     if dark.any():
         raise InputError(

@@ -26,7 +26,7 @@ _lay_out = indirect(NODES_TYPES)
 # Lines are looked at in so many places, the first and the last of them so near to the ends.
 _LOOKS, _NEAR = 15, 1e-4
 # Lines of a panel, bisections between two that differ, and most panels that one is cut into.
-_LINES, _BISECTIONS, _PIECES = 13, 26, 64
+_LINES, _BISECTIONS, _PIECES = 15, 26, 64
 # Lines that a series is made of. It may be wrong by so much: that of a kink beside the edge is the
 # square. A panel is cut for it until it is so short. One that is wrong by more is not used.
 _TERMS, _BESIDE, _SHORTEST, _ASTRAY = BENT_TERMS, 1e-5, 1e-3, 1e-3
@@ -252,7 +252,8 @@ def _places(base, g, code, box, u, known, control, changes, at_l, weak, counting
 
     The pattern tells how many are of which function, and its sign at the start: where a curve runs
     along a line, all of the line changes its sign. `ends` are filled with the least that the
-    functions are away from 0 at both ends. Places are rough while they are only counted.
+    functions are away from 0 at both ends, and then the least that each is where it turns away from
+    0 in between. Places are rough while they are only counted.
     """
     looks, wi = np.empty(_LOOKS), np.empty((3, 1))
     views, sums, weights = np.empty((3, 1, _LOOKS)), np.empty((3, 1, _LOOKS)), np.empty((1, _LOOKS))
@@ -268,7 +269,8 @@ def _places(base, g, code, box, u, known, control, changes, at_l, weak, counting
         for j in range(changes):
             seen[j, look] = here[j]
     count, pattern = 0, 0
-    ends[0] = ends[1] = math.inf
+    for i in range(ends.size):
+        ends[i] = math.inf
     for j in range(changes):
         ends[0], ends[1] = min(ends[0], abs(seen[j, 0])), min(ends[1], abs(seen[j, _LOOKS - 1]))
         mark = 1 << (4 * min(j, 14))
@@ -305,6 +307,7 @@ def _places(base, g, code, box, u, known, control, changes, at_l, weak, counting
             if (fc > 0.0) != (fb > 0.0) or abs(fb) > min(abs(fa), abs(fc)):
                 continue
             # A function that comes close to 0 and turns may have two places between three looks.
+            fx = fb
             for turn in range(_CLOSER):
                 left, right = (fb - fa) / (b - a), (fc - fb) / (c - b)
                 bent = (right - left) / (c - a)
@@ -339,6 +342,8 @@ def _places(base, g, code, box, u, known, control, changes, at_l, weak, counting
                     a, fa, b, fb = b, fb, x, fx
                 else:
                     c, fc = x, fx
+            if (fx > 0.0) == (fb > 0.0):
+                ends[2 + j] = min(ends[2 + j], abs(fb))
     return count, pattern
 
 
@@ -458,17 +463,78 @@ def _split(base, geometry, row, code, box, coarse, *rest):
 
 
 @kernel
+def _lines(panel, divisor, lines, inside, patterns):
+    """Fill lines of a panel, in order, and what is seen on them; return how many.
+
+    A curve may close between two lines. So where a function comes closer to 0 than on both
+    neighbours of a line, more lines go after it.
+    """
+    changes = divisor[2]
+    places, away, one = np.empty(_MOST + 1), np.empty(2 + changes), np.empty(1)
+    near = np.empty((_LINES, changes))
+    for line in range(_LINES):
+        # Closer to both ends, where no neighbour is beyond.
+        share = (line - 0.5 * (line == 1) + 0.5 * (line == _LINES - 2)) / (_LINES - 1)
+        one[0] = lines[line] = min(max(share, _NEAR), 1.0 - _NEAR)
+        inside[line], patterns[line] = _places(*panel, one, *divisor, True, places, away)
+        for j in range(changes):
+            near[line, j] = away[2 + j]
+    count = _LINES
+    middles = lines[:_LINES].copy()
+    seen = patterns[:_LINES].copy()
+    for line in range(1, _LINES - 1):
+        if seen[line - 1] != seen[line] or seen[line + 1] != seen[line]:
+            continue
+        for j in range(changes):
+            a, b, c = middles[line - 1], middles[line], middles[line + 1]
+            fa, fb, fc = near[line - 1, j], near[line, j], near[line + 1, j]
+            if fb > min(fa, fc) or not fb < math.inf:
+                continue
+            for turn in range(_CLOSER):
+                x, low = 0.5 * (b + (a if b - a > c - b else c)), -1.0
+                if max(fa, fc) < math.inf:
+                    left, right = (fb - fa) / (b - a), (fc - fb) / (c - b)
+                    bent = (right - left) / (c - a)
+                    x = 0.5 * (a + b) - 0.5 * left / bent
+                    low = fa + (x - a) * (left + (x - b) * bent)
+                if not a < x < c or abs(x - b) < 1e-6 or (turn > 1 and low > 0.5 * fb):
+                    break
+                one[0] = x
+                found, pattern = _places(*panel, one, *divisor, True, places, away)
+                if pattern != seen[line]:
+                    if count < lines.size:
+                        k = count
+                        while lines[k - 1] > x:
+                            lines[k], inside[k] = lines[k - 1], inside[k - 1]
+                            patterns[k] = patterns[k - 1]
+                            k -= 1
+                        lines[k], inside[k], patterns[k] = x, found, pattern
+                        count += 1
+                    break
+                fx = away[2 + j]
+                if x < b:
+                    if fx < fb:
+                        b, fb, c, fc = x, fx, b, fb
+                    else:
+                        a, fa = x, fx
+                elif fx < fb:
+                    a, fa, b, fb = b, fb, x, fx
+                else:
+                    c, fc = x, fx
+    return count
+
+
+@kernel
 def _cuts(panel, divisor, lows, highs, flags, kinds, patterns):
     """Fill pieces in u that differ in the number of places on their lines; return how many."""
-    places, away, one = np.empty(_MOST + 1), np.empty(2), np.empty(1)
-    low, m = 0.0, 0
-    for line in range(_LINES):
-        high = min(max(line / (_LINES - 1), _NEAR), 1.0 - _NEAR)
-        one[0] = high
-        inside, pattern = _places(*panel, one, *divisor, True, places, away)
-        if line == 0:
-            lows[0], flags[0], kinds[0], patterns[0], m = 0.0, 0, inside, pattern, 1
-        while patterns[m - 1] != pattern and 2 * m < _PIECES:
+    lines, inside = np.empty(2 * _LINES), np.empty(2 * _LINES, np.int64)
+    seen = np.empty(2 * _LINES, np.int64)
+    count = _lines(panel, divisor, lines, inside, seen)
+    lows[0], flags[0], kinds[0], patterns[0], m = 0.0, 0, inside[0], seen[0], 1
+    low = lines[0]
+    for line in range(1, count):
+        high = lines[line]
+        while patterns[m - 1] != seen[line] and 2 * m < _PIECES:
             x, kind, other = _change(panel, divisor, low, high, patterns[m - 1])
             # Places come and go like roots, at the horizon and where two meet.
             highs[m - 1], flags[m - 1] = x, flags[m - 1] | 2
@@ -482,7 +548,7 @@ def _cuts(panel, divisor, lows, highs, flags, kinds, patterns):
 @kernel
 def _change(panel, divisor, low, high, pattern):
     """The first place in u that is found where a pattern ends, and what follows there."""
-    places, away, one = np.empty(_MOST + 1), np.empty(2), np.empty(1)
+    places, away, one = np.empty(_MOST + 1), np.empty(2 + divisor[2]), np.empty(1)
     one[0] = high
     inside, other = _places(*panel, one, *divisor, True, places, away)
     a, b = low, high
@@ -514,7 +580,7 @@ def _curves(panel, divisor, low, high, ends, kind, pattern, curves):
         for j in range(kind + 2):
             curves[j, i] = 0.0
     curves[kind + 1, 0] = 1.0
-    places, away, one = np.empty(_MOST + 1), np.empty(2), np.empty(1)
+    places, away, one = np.empty(_MOST + 1), np.empty(2 + divisor[2]), np.empty(1)
     before = low
     for i in range(_TERMS):
         t, _ = clustered(0.5 * (_NODES[i] + 1.0), ends)

@@ -29,11 +29,11 @@ from albedo.operators.split import SplitChart
 # A table that errs by more somewhere is of a function that jumps: what it promises elsewhere is
 # not to be trusted.
 _JUMPS = 0.1
-# What tables are to be worth: three of them leave 1e-8.
-_FIRST, _LATER = 3e-10, 1.5e-9
+# What tables are to be worth: two of them leave 1e-8.
+_FIRST, _LATER = 3e-10, 3e-9
 # Most albedos that are computed for one: the first albedo is smooth, later ones bend along curves.
 # Where tables before it are worth less than this, its own is not to be had any better.
-_MOST_FIRST, _MOST_LATER, _POOR = 10_000, 80_000, 1e-5
+_MOST_FIRST, _MOST_LATER, _POOR = 10_000, 60_000, 1e-5
 # Where later ones bend most, measured.
 _FINER = tuple(sorted({*STARTS, -3.25, -1.4}))
 # Averages of errors need few digits; they are looked at in so many places along both sides of a
@@ -88,7 +88,7 @@ class Stages:
         return _LATER if step > 0 else _FIRST
 
     def reach(self, steps: int) -> float:
-        """What albedos after some steps are to be worth: each table has the errors of all before."""
+        """What albedos are to be worth after some steps: tables have the errors of those before."""
         total = 0.0
         for step in range(steps):
             total += self.worth(step) + _BETWEEN * total
