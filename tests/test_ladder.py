@@ -10,6 +10,7 @@ import pytest
 import albedo
 from albedo.charts.heights import LOWEST, folded
 from albedo.operators.divisor import CONTROLS
+from albedo.operators.families import Families
 from albedo.operators.ladder import Ladder
 from albedo.operators.profiles import Profiles
 
@@ -113,3 +114,20 @@ def test_curves_and_rings_end_where_masking_ends(m: float) -> None:
     # The curve of the first albedo against integrals that know nothing of rings.
     slack = (first.error + first.bound).max() * own.value + own.error
     assert np.all(np.abs(np.exp(first.at(folded(cosines))) - own.value) <= slack)
+
+
+@pytest.mark.parametrize("spec", ["cook_torrance", "lafortune_scaled", "ward:m=0.1"])
+def test_curves_of_families_are_those_of_rows_from_the_model(
+    spec: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model = next(albedo.grammar.parse(spec).models())
+    found = climbed(model, 3)
+    monkeypatch.setattr(Families, "profiles", Families.direct)
+    exact = Ladder(model, None, 5e-12)
+    while len(exact.curves) < 3:
+        exact.step()
+    y = folded(np.geomspace(1e-9, 1.0, 997))
+    for k, (curve, fine) in enumerate(zip(found.curves, exact.curves, strict=True)):
+        bound = curve.bound[curve.piece(y)] + fine.bound[fine.piece(y)]
+        bound += found.doubt(k) + exact.doubt(k)
+        assert np.all(np.abs(curve.at(y) - fine.at(y)) <= bound)

@@ -9,7 +9,7 @@ import pytest
 
 import albedo
 from albedo.brdf import Part
-from albedo.charts.rings import RingsChart
+from albedo.charts.rings import RingsChart, _expm1_all
 from albedo.directions import spherical
 from albedo.grammar import parse
 from albedo.integrators.adaptive import Result, integrate
@@ -240,3 +240,13 @@ def test_rings_are_for_isotropic_models() -> None:
     upright = albedo.model("lafortune", lobes=((0.0, 0.0, 1.0, 20.0),))
     with pytest.raises(albedo.InputError, match="no chart of rings"):
         rings_of(upright.parts()[0])
+
+
+def test_exponentials_of_many_are_those_of_one() -> None:
+    """Taylor's series to 1e-17, and as many roundings as doublings of t: each an ulp of exp(t)."""
+    for top in (1e-12, 0.25, 0.26, 4.0, 45.0):
+        t = np.concatenate(([0.0, 1e-300], np.geomspace(1e-20, 1.0, 50) * top))
+        found = np.empty(t.size)
+        _expm1_all(t, found)
+        known = np.expm1(t)
+        assert np.all(np.abs(found - known) <= (1.0 + top) * 2.0 * EPS * known)

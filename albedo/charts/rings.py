@@ -34,7 +34,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from albedo._compile import kernel
+from albedo._compile import inlined, kernel
 from albedo.charts._compiled import CompiledChart, Kernel, clustered
 
 KINDS = {"slope": 0, "mirror": 1, "axis": 1, "mirror_hemisphere": 2, "broad": 3}
@@ -153,12 +153,14 @@ def elevation(g, side, s):
     Sides: 0 below the axis, 1 along the horizon, 2 above the axis.
     """
     e_a = g[4]
+    x = math.sinh(s)
+    # cosh(s), by a root instead of another exponential.
+    grows = math.sqrt(1.0 + x * x)
     if side == 1:
         # Squares, because n.v has a root at the horizon in many models.
-        x = math.sinh(s)
-        return g[7] * x * x, e_a - g[7] * x * x, 2.0 * g[7] * x * math.cosh(s)
-    d = g[10] * math.sinh(s)
-    slope = g[10] * math.cosh(s)
+        return g[7] * x * x, e_a - g[7] * x * x, 2.0 * g[7] * x * grows
+    d = g[10] * x
+    slope = g[10] * grows
     if side == 0:
         return e_a - d, d, slope
     return e_a + d, -d, slope
@@ -174,15 +176,15 @@ def stretched(g, side, e_v):
 
 
 @kernel
-def _ring(g, kind, kinks, decay, e_v, below):
+def _ring(g, kind, kinks, decay, cut, e_v, below):
     """What a ring holds: the scale of tan(chi/4), the end of chi and a kink (0: none), as
-    tan(chi/4)."""
+    tan(chi/4). See `_cut`."""
     if kind == 3:
         # Broad models turn at right angles to the plane of incidence.
         return 1.0, 1.0, math.tan(0.125 * math.pi)
     w2 = g[6] * g[6]
     if g[4] < 0.0:
-        scale, last = _low_ring(g, decay, w2, e_v)
+        scale, last = _low_ring(g, decay, cut, e_v)
         return scale, last, 0.0
     n_l, n_v = g[0], math.sin(e_v)
     s_v = math.cos(e_v)
@@ -202,13 +204,13 @@ def _ring(g, kind, kinks, decay, e_v, below):
         spread = w2 * (1.0 + a)
     last = 1.0
     if decay != 0:
-        last = min(last, _quarter((_cut(kind, decay, w2) - a) / b))
+        last = min(last, _quarter((cut - a) / b))
     if kind == 1:
         last = min(last, _quarter((0.5 - a) / b))
     scale = 0.5 * math.sqrt(spread / b)
     if decay != 0:
         # What falls like a Gaussian is entire, and wants no more than some crowding at its core.
-        widths = math.sqrt(_cut(kind, decay, w2) / w2)
+        widths = math.sqrt(cut / w2)
         if widths < _ENDS:
             scale = min(_CORE / widths, 1.0) * last
     kink = 0.0
@@ -222,24 +224,26 @@ def _ring(g, kind, kinks, decay, e_v, below):
 
 
 @kernel
-def _low_ring(g, decay, w2, e_v):
+def _low_ring(g, decay, cut, e_v):
     """The scale of tan(chi/4) and the end of chi, for an axis below the horizon."""
     # The cosine from the axis is that at chi = 0 less b sin(chi/2)^2.
     cosine = max(math.sin(g[5] - e_v), 1e-300)
     b = max(2.0 * g[9] * math.cos(e_v), 1e-300)
-    last = _quarter((cosine - _least(g, decay, w2)) / b)
-    return math.sqrt(0.5 * w2 * cosine / b), last
+    last = _quarter((cosine - _least(g, decay, cut)) / b)
+    return g[6] * math.sqrt(0.5 * cosine / b), last
 
 
 @kernel
-def _least(g, decay, w2):
+def _least(g, decay, cut):
     """The cosine from an axis below the horizon at which its lobe, largest there, is cut."""
-    return 0.0 if decay == 0 else g[9] * (1.0 - 2.0 * _cut(1, decay, w2))
+    return 0.0 if decay == 0 else g[9] * (1.0 - 2.0 * cut)
 
 
 @kernel
 def _cut(kind, decay, w2):
     """Where a lobe is cut, in tan^2 of the angle of H or sin^2 of half the angle to R."""
+    if decay == 0:
+        return math.inf
     x = _REACH * w2
     if decay == 1:
         return x
@@ -338,9 +342,8 @@ def _panels(geometry, levels, coarse, kind, kinks, decay, edge, row, code, box):
     for i in range(geometry.shape[0]):
         g = geometry[i]
         e_a, flat = g[4], g[5]
-        cut = reach = math.inf
+        cut, reach = _cut(kind, decay, g[6] * g[6]), math.inf
         if decay != 0 and kind != 3:
-            cut = _cut(kind, decay, g[6] * g[6])
             root = math.sqrt(cut)
             reach = 2.0 * math.atan(root) if kind == 0 else 2.0 * math.asin(min(root, 1.0))
         known = 0 if coarse else _special(g, kind, kinks, cut, reach, places)
@@ -354,7 +357,7 @@ def _panels(geometry, levels, coarse, kind, kinks, decay, edge, row, code, box):
             else:
                 last = min(flat, reach)
             if e_a < 0.0:
-                first, last = 0.0, flat - math.asin(_least(g, decay, g[6] * g[6]))
+                first, last = 0.0, flat - math.asin(_least(g, decay, cut))
             if not last > first or (e_a < 0.0 and side != 1):
                 continue
             cuts[0], corner[0] = first, False
@@ -382,7 +385,7 @@ def _panels(geometry, levels, coarse, kind, kinks, decay, edge, row, code, box):
             for k in range(_join_slivers(cuts, corner, m, scale)):
                 count = _rings(
                     *(g, i, side, cuts[k], cuts[k + 1], corner[k], corner[k + 1]),
-                    *(coarse, kind, kinks, decay, edge, row, code, box, count),
+                    *(coarse, kind, kinks, decay, edge, cut, row, code, box, count),
                 )
                 if count < 0:
                     return -1
@@ -403,6 +406,7 @@ def _rings(
     kinks,
     decay,
     edge,
+    cut,
     row,
     code,
     box,
@@ -418,7 +422,7 @@ def _rings(
         v0 = s0 + (s1 - s0) * piece / pieces
         v1 = s0 + (s1 - s0) * (piece + 1) / pieces
         e_v, below, _ = elevation(g, side, 0.5 * (v0 + v1))
-        _, last, kink = _ring(g, kind, kinks, decay, e_v, below)
+        _, last, kink = _ring(g, kind, kinks, decay, cut, e_v, below)
         if last <= 0.0:
             continue
         inner = 2 if kink > 0.0 and not coarse else 1
@@ -432,7 +436,7 @@ def _rings(
             folds = 0.0
             for sample in range(3):
                 e_v, below, _ = elevation(g, side, v0 + (0.02 + 0.48 * sample) * (v1 - v0))
-                scale, last, kink = _ring(g, kind, kinks, decay, e_v, below)
+                scale, last, kink = _ring(g, kind, kinks, decay, cut, e_v, below)
                 start = kink if part == 1 else 0.0
                 end = kink if part == 0 and inner == 2 else last
                 folds = max(folds, math.asinh(end / scale) - math.asinh(start / scale))
@@ -455,56 +459,91 @@ def _rings(
     return count
 
 
+@inlined
+def _expm1_all(t, grown):
+    """Fill exp(t) - 1 for t >= 0, many at once: a call of the library takes ten times as long.
+
+    Taylor's series of t/2^m <= 1/4, and (1 + x)^2 - 1 = x (2 + x), m times. The error is that of t
+    moved by some ulps.
+    """
+    most = 0.0
+    for i in range(t.size):
+        most = max(most, t[i])
+    part, halvings = 1.0, 0
+    while most * part > 0.25:
+        part *= 0.5
+        halvings += 1
+    for i in range(t.size):
+        x = part * t[i]
+        total = x * (1.0 / 12.0) + 1.0
+        for k in range(11, 1, -1):
+            total = total * (x * (1.0 / k)) + 1.0
+        grown[i] = x * total
+    for _ in range(halvings):
+        for i in range(t.size):
+            grown[i] *= 2.0 + grown[i]
+
+
 @kernel
 def _nodes(geometry, code, box, u, v, numbers, wi, wo, h, weight):
     """Directions, sums and Jacobians; one row per panel."""
     kind, kinks, decay, edge = int(numbers[0]), int(numbers[1]), int(numbers[2]), int(numbers[3])
+    # Of every ring, and of one node on each: loops over rings run without a branch or a call.
+    n_v, s_v, scale = np.empty(v.size), np.empty(v.size), np.empty(v.size)
+    start, size = np.empty(v.size), np.empty(v.size)
+    ring, shift = np.empty(v.size), np.empty(v.size)
+    t, grown = np.empty(v.size), np.empty(v.size)
+    sine, cosine = np.empty(v.size), np.empty(v.size)
     for k in range(box.shape[0]):
         g = geometry[k]
         n_l, s_l, cos_phi, sin_phi, away = g[0], g[1], g[2], g[3], g[11]
         wi[0, k], wi[1, k], wi[2, k] = s_l * cos_phi, s_l * sin_phi, n_l
         side, part = code[k, 0], code[k, 2]
         u0, u1, v0, v1, first, final = box[k]
+        cut = _cut(kind, decay, g[6] * g[6])
         for iv in range(v.size):
             x, dx = clustered(v0 + (v1 - v0) * v[iv], code[k, 3])
             e_v, below, slope = elevation(g, side, first + (final - first) * x)
-            n_v, s_v = math.sin(e_v), math.cos(e_v)
-            scale, last, kink = _ring(g, kind, kinks, decay, e_v, below)
-            t0 = math.asinh(kink / scale) if part == 1 else 0.0
-            t1 = math.asinh((kink if part == 0 else last) / scale)
-            ring = (
-                2.0 * n_v * s_v * slope * (final - first) * dx * (v1 - v0) * (u1 - u0) * (t1 - t0)
-            )
+            n_v[iv], s_v[iv] = math.sin(e_v), math.cos(e_v)
+            scale[iv], last, kink = _ring(g, kind, kinks, decay, cut, e_v, below)
+            start[iv] = math.asinh(kink / scale[iv]) if part == 1 else 0.0
+            size[iv] = math.asinh((kink if part == 0 else last) / scale[iv]) - start[iv]
+            area = n_v[iv] * s_v[iv] * slope * (final - first) * dx * (v1 - v0) * (u1 - u0)
+            ring[iv] = 8.0 * area * size[iv] * scale[iv]
             # H ahead of the normal where chi = 0: s_l - s_v, or s_l + s_v about the side of L.
-            shift = s_l + s_v
+            shift[iv] = s_l + s_v[iv]
             if away > 0.0:
                 lower = below + (g[8] - g[4])
-                shift = -2.0 * math.sin(0.5 * lower) * math.sin(0.5 * (e_v + g[8]))
-            height = n_l + n_v
-            to_edge = edge > 1 and part != 0
-            for iu in range(u.size):
-                y, stretch = u0 + (u1 - u0) * u[iu], 1.0
-                if to_edge:
-                    stretch = edge * (1.0 - y) ** (edge - 1)
-                    y = 1.0 - (1.0 - y) ** edge
+                shift[iv] = -2.0 * math.sin(0.5 * lower) * math.sin(0.5 * (e_v + g[8]))
+        to_edge = edge > 1 and part != 0
+        for iu in range(u.size):
+            y, stretch = u0 + (u1 - u0) * u[iu], 1.0
+            if to_edge:
+                stretch = edge * (1.0 - y) ** (edge - 1)
+                y = 1.0 - (1.0 - y) ** edge
+            row = iu * v.size
+            for iv in range(v.size):
+                t[iv] = start[iv] + size[iv] * y
+            _expm1_all(t, grown)
+            for iv in range(v.size):
                 # sinh and cosh of one exponential.
-                grown = math.expm1(t0 + (t1 - t0) * y)
-                shrunk = grown / (1.0 + grown)
-                q = 0.5 * scale * (grown + shrunk)
+                shrunk = grown[iv] / (1.0 + grown[iv])
+                q = 0.5 * scale[iv] * (grown[iv] + shrunk)
                 inverse = 1.0 / (1.0 + q * q)
                 # sin and cos of chi/2.
-                sine, cosine = 2.0 * q * inverse, (1.0 - q) * (1.0 + q) * inverse
-                turned = 2.0 * away * s_v * sine
-                along, across = shift + turned * sine, -turned * cosine
-                i = iu * v.size + iv
-                h[0, k, i] = along * cos_phi - across * sin_phi
-                h[1, k, i] = along * sin_phi + across * cos_phi
-                h[2, k, i] = height
+                sine[iv], cosine[iv] = 2.0 * q * inverse, (1.0 - q) * (1.0 + q) * inverse
+                slope = 1.0 + 0.5 * (grown[iv] - shrunk)
+                weight[k, row + iv] = ring[iv] * stretch * inverse * slope
+            for iv in range(v.size):
+                turned = 2.0 * away * s_v[iv] * sine[iv]
+                along, across = shift[iv] + turned * sine[iv], -turned * cosine[iv]
+                h[0, k, row + iv] = along * cos_phi - across * sin_phi
+                h[1, k, row + iv] = along * sin_phi + across * cos_phi
+                h[2, k, row + iv] = n_l + n_v[iv]
+            for iv in range(v.size):
                 # Not h less wi, which would round more: narrow lobes see every ulp.
-                ahead = -away * s_v * (cosine - sine) * (cosine + sine)
-                wo[0, k, i] = ahead * cos_phi - across * sin_phi
-                wo[1, k, i] = ahead * sin_phi + across * cos_phi
-                wo[2, k, i] = n_v
-                weight[k, i] = (
-                    ring * stretch * 4.0 * inverse * scale * (1.0 + 0.5 * (grown - shrunk))
-                )
+                across = -2.0 * away * s_v[iv] * sine[iv] * cosine[iv]
+                ahead = -away * s_v[iv] * (cosine[iv] - sine[iv]) * (cosine[iv] + sine[iv])
+                wo[0, k, row + iv] = ahead * cos_phi - across * sin_phi
+                wo[1, k, row + iv] = ahead * sin_phi + across * cos_phi
+                wo[2, k, row + iv] = n_v[iv]

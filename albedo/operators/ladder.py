@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
-from functools import cache, cached_property, lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -27,24 +27,21 @@ from numpy.polynomial import chebyshev
 from albedo.brdf import Model, Part
 from albedo.charts.axis import AxisChart
 from albedo.charts.cosine import CosineChart
-from albedo.charts.heights import FIRST, LAST, LOWEST, folded, unfolded
+from albedo.charts.heights import FIRST, LAST, LOWEST, folded
 from albedo.charts.polar import PolarChart
 from albedo.charts.rings import MIRROR, RingsChart
 from albedo.charts.tail_rings import TailRingsChart
 from albedo.errors import InputError
 from albedo.operators.divisor import CONTROLS, FLAT, TERMS, Divisor, LogCurve, spread, straight
+from albedo.operators.families import Families
+from albedo.operators.nodes import FEWEST, LEBESGUE, MOST, TRUST, cosines, places
 from albedo.operators.profiles import Profiles
 
 _EPS = np.finfo(np.float64).eps
 _ROUNDINGS = 40.0
-# Gaps between the nodes of a piece: fewest where it is narrow, most before it is halved.
-_FEWEST, _USUAL, _MOST = 4, 8, 16
+# Gaps between the nodes of a piece, but where it is narrow.
+_USUAL = 8
 _NARROW = 5e-3
-# Between its nodes an interpolant errs most. Fresh points stand in every second gap, from both
-# ends inward: what a gap between them hides is not many times as much.
-_TRUST = 8.0
-# What errors at the nodes may come to between them: the Lebesgue constant of 17 nodes.
-_LEBESGUE = 2.8
 _MOST_PIECES = 400
 _SHORTEST = 1e-5
 # Integrals around rings are had to this share of the tolerance, or as well as float64 allows.
@@ -140,19 +137,6 @@ def _finest(part: Part) -> float:
     return max(_FINEST, rings_of(part).finest(min(part.widths)))
 
 
-@cache
-def _points(gaps: int) -> np.ndarray:
-    """Places on a piece, from 0 to 1: Chebyshev's nodes with both ends, then fresh points.
-
-    All are nodes where there are twice as many gaps, in the same bits.
-    """
-    fine = 2 * _MOST // gaps
-    grid = np.sin(0.25 * np.pi / _MOST * np.arange(2 * _MOST + 1)) ** 2
-    lower = np.arange(0, gaps // 2, 1 if gaps == _FEWEST else 2)
-    fresh = np.concatenate((lower, gaps - 1 - lower))
-    return np.concatenate((grid[::fine], grid[fresh * fine + fine // 2]))
-
-
 @dataclass(frozen=True, eq=False)
 class _Piece:
     """One piece of all curves from now on.
@@ -174,12 +158,12 @@ class _Piece:
 
     @classmethod
     def new(cls, low: float, high: float, bent: int) -> _Piece:
-        return cls(low, high, bent, _FEWEST if high - low < _NARROW else _USUAL)
+        return cls(low, high, bent, FEWEST if high - low < _NARROW else _USUAL)
 
     @cached_property
     def y(self) -> np.ndarray:
         """Coordinates of its nodes and of its fresh points."""
-        t = _points(self.gaps)
+        t = places(self.gaps)
         t = t * t if self.bent == 1 else t * (2.0 - t) if self.bent == 2 else t
         # Neighbours share the rows at their ends, which are the same number to both.
         return np.where(t == 1.0, self.high, self.low + t * (self.high - self.low))
@@ -188,17 +172,13 @@ class _Piece:
     def basis(self) -> np.ndarray:
         """The polynomials of its series at its nodes and fresh points."""
         # Cosines are rounded: near 1 they stand for another angle.
-        y = np.clip(folded(_cosines(self.y)), self.low, self.high)
+        y = np.clip(folded(cosines(self.y)), self.low, self.high)
         return chebyshev.chebvander(straight(y, self.low, self.high, self.bent), self.gaps)
 
     @cached_property
     def to_series(self) -> np.ndarray:
         """The matrix from values at its nodes to coefficients."""
         return np.linalg.inv(self.basis[: self.gaps + 1])
-
-
-def _cosines(y: np.ndarray) -> np.ndarray:
-    return np.clip(unfolded(y), LOWEST, 1.0)
 
 
 class Ladder:
@@ -220,6 +200,7 @@ class Ladder:
         self._cos = np.empty(0)
         self._row: dict[float, int] = {}
         self._parts: list[Profiles] = []
+        self._families: dict[Part, Families] = {}
         # How many steps are in the products of all rows.
         self._met = 0
         self._transfer: list[np.ndarray] = []
@@ -255,7 +236,7 @@ class Ladder:
         fresh = wanted[[y not in self._row for y in wanted.tolist()]]
         if fresh.size == 0:
             return
-        c = _cosines(fresh)
+        c = cosines(fresh)
         parts = [self._profile(part, c) for part in self.model.parts()]
         if not self._parts:
             self._parts = parts
@@ -281,8 +262,12 @@ class Ladder:
         return np.array([self._row[y] for y in piece.y.tolist()])
 
     def _profile(self, part: Part, c: np.ndarray, lift: float = 1.0) -> Profiles:
-        rtol = max(self.rtol * _INNER, _finest(part))
-        profiles = Profiles.of(self.model, part, rings_of(part), c, rtol, lift)
+        if part not in self._families:
+            finest = _finest(part)
+            rtol = max(self.rtol * _INNER, finest)
+            self._families[part] = Families(self.model, part, rings_of(part), rtol, finest)
+        families = self._families[part]
+        profiles = families.profiles(c) if lift == 1.0 else families.direct(c, lift)
         self._meet(profiles, c, 0)
         return profiles
 
@@ -486,13 +471,13 @@ class Ladder:
         series = piece.to_series @ logs[rows[:terms]]
         missed = float(np.abs(piece.basis @ series - logs[rows]).max())
         noise = float(own[rows].max())
-        bound = _TRUST * missed + _LEBESGUE * noise
+        bound = TRUST * missed + LEBESGUE * noise
         whole = np.zeros(TERMS)
         whole[:terms] = series
         return whole, bound, missed <= noise
 
     def _may_refine(self, piece: _Piece) -> bool:
-        return piece.gaps < _MOST or piece.high - piece.low > _SHORTEST
+        return piece.gaps < MOST or piece.high - piece.low > _SHORTEST
 
     def _refine(self, poor: list[int]) -> None:
         """Cut pieces where an earlier curve bends; else give them more nodes, or halve them."""
@@ -513,7 +498,7 @@ class Ladder:
             if inside:
                 break
         else:
-            if piece.gaps < _MOST:
+            if piece.gaps < MOST:
                 return [replace(piece, gaps=2 * piece.gaps)]
             middle = 0.5 * (a + b)
             return [_Piece.new(a, middle, bent & 1), _Piece.new(middle, b, bent & 2)]

@@ -240,11 +240,15 @@ class Profiles:
         # numbers of the part are worth.
         moved = probe_cells(chart, integrand, done.geometry, cells, n, 1)
         sent = np.maximum(np.bincount(cells.row, cells.value, n), 1e-300)
-        own = part.doubt(cos_theta) if callable(part.doubt) else part.doubt
-        shift = 4.0 * moved / sent + own
+        shift = 4.0 * moved / sent + doubt_of(part, cos_theta)
         rows = done.geometry, done.doubt, shift, np.full(n, lift)
         named = dict(zip((*_OF_ROWS, *_OF_PANELS), (*rows, *_stacked(cells)), strict=True))
-        found = cls(**named, slices=Slices())
+        return cls.whole(**named)
+
+    @classmethod
+    def whole(cls, **arrays: np.ndarray) -> Profiles:
+        """Rows and panels, of which each is one slice."""
+        found = cls(**arrays, slices=Slices())
         m = found.row.size
         found._put(np.empty(0, int), np.arange(m), np.zeros(m), np.ones(m), found.order)
         return found
@@ -410,6 +414,12 @@ class Profiles:
             setattr(found, name, getattr(self, name)[kept])
         return found
 
+    def renumber(self, number: np.ndarray) -> None:
+        """Put all rows in another order; the new number of each is given."""
+        self.row = number[self.row]
+        for name in _OF_ROWS:
+            setattr(self, name, getattr(self, name)[np.argsort(number)])
+
     def extend(self, other: Profiles) -> None:
         """Take in the rows of others, after the own ones."""
         rows = np.arange(other.geometry.shape[0]) + self.geometry.shape[0]
@@ -458,6 +468,12 @@ def _orders(order: np.ndarray, share: np.ndarray) -> np.ndarray:
     return _rungs(np.maximum(order * (0.5 + 0.5 * share), 10.0))
 
 
+def doubt_of(part: Part, cos_theta: np.ndarray) -> np.ndarray:
+    """Relative errors of a part that its own numbers have, for some incidences."""
+    own = part.doubt(cos_theta) if callable(part.doubt) else part.doubt
+    return np.broadcast_to(own, cos_theta.shape)
+
+
 def _judge_series(cells: Cells) -> None:
     """Take what series leave out for the errors along v, so far as it is more than rounding."""
     tail = _tails(cells.series, cells.order[:, 1])
@@ -480,32 +496,52 @@ def _stacked(cells: Cells) -> tuple[np.ndarray, ...]:
     key = np.column_stack((cells.row, cells.code[:, 0], cells.box[:, 4]))[rank]
     group = np.empty(rank.size, int)
     group[rank] = np.cumsum(np.append(False, np.any(key[1:] != key[:-1], axis=1)))
-    # A group takes up [2 g, 2 g + 1] of one line.
-    low, high = 2 * group + cells.box[:, 2], 2 * group + cells.box[:, 3]
-    line = np.unique(np.concatenate((low, high)))
-    real = np.flatnonzero(line[1:] // 2 == line[:-1] // 2)
-    starts, ends = line[real], line[real + 1]
-    first, last = np.searchsorted(starts, low), np.searchsorted(starts, high)
-    cell = np.repeat(np.arange(group.size), last - first)
-    begin = np.cumsum(last - first) - (last - first)
-    panel = np.arange(cell.size) - begin[cell] + first[cell]
+    cell, panel, starts, ends = common(group, cells.box[:, 2], cells.box[:, 3])
     # What all cells above a panel have in common, from one of them.
     some = np.empty(starts.size, int)
     some[panel] = cell
     box = cells.box[some].copy()
-    base = 2.0 * (starts // 2)
-    box[:, 2], box[:, 3] = starts - base, ends - base
+    box[:, 2], box[:, 3] = starts, ends
     order = np.zeros(starts.size, int)
     np.maximum.at(order, panel, cells.order[cell, 1])
     series = np.zeros((starts.size, _TOP))
-    np.add.at(series, panel, _restricted(cells, cell, box[panel, 2], box[panel, 3]))
+    np.add.at(series, panel, restricted(cells, cell, box[panel, 2], box[panel, 3]))
     tail = np.bincount(panel, _tails(cells.series, cells.order[:, 1])[cell], starts.size)
     blur = np.bincount(panel, cells.error[cell, 0], starts.size)
     return cells.row[some], cells.code[some], box, order, series, blur, tail
 
 
-def _restricted(cells: Cells, cell: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Series of some cells on parts of them, which is exact."""
+def common(group: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Cut what covers [0, 1] in each group so that no end lies inside a part.
+
+    Parameters
+    ----------
+    group, low, high : ndarray, shape (m,)
+        The group of each cell, from 0 on, and its ends.
+
+    Returns
+    -------
+    cell, part : ndarray of int
+        Which part lies in which cell.
+    starts, ends : ndarray
+        Of the parts of one group after the other.
+    """
+    # A group takes up [2 g, 2 g + 1] of one line.
+    low, high = 2 * group + low, 2 * group + high
+    line = np.unique(np.concatenate((low, high)))
+    real = np.flatnonzero(line[1:] // 2 == line[:-1] // 2)
+    first, last = np.searchsorted(line[real], low), np.searchsorted(line[real], high)
+    cell = np.repeat(np.arange(group.size), last - first)
+    begin = np.cumsum(last - first) - (last - first)
+    part = np.arange(cell.size) - begin[cell] + first[cell]
+    base = 2.0 * (line[real] // 2)
+    return cell, part, line[real] - base, line[real + 1] - base
+
+
+def restricted(
+    cells: Cells | Profiles, cell: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> np.ndarray:
+    """Series of some cells, or panels, on parts of them, which is exact."""
     series = cells.series[cell]
     start, size = cells.box[cell, 2], cells.box[cell, 3] - cells.box[cell, 2]
     part = np.flatnonzero(high - low < size)

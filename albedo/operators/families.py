@@ -1,0 +1,325 @@
+r"""Integrals around rings at many incidences, from those at a few.
+
+Panels follow the lobe: their ends are smooth functions of the incidence, and so is each Legendre
+coefficient of the integral around the ring in the coordinate of a panel, however narrow the lobe
+is. A *family* has them at Chebyshev's nodes of a stretch of incidences, on panels that are the same
+for all, and is confirmed by fresh incidences between: what it missed there goes into its bounds.
+Stretches end where panels appear or vanish, and are halved where a family does not do. A family is
+made where more incidences are asked for than it takes to make it.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from albedo.brdf import Model, Part
+from albedo.charts.heights import FIRST, LAST, folded
+from albedo.charts.rings import RingsChart
+from albedo.operators.nodes import LEBESGUE, MOST, TRUST, cosines, places
+from albedo.operators.profiles import Profiles, common, doubt_of, restricted
+
+_EPS = np.finfo(np.float64).eps
+# Sums of as many terms as a family has rows.
+_ROUNDINGS = 8.0
+# A family is made of 25 rows where so many are asked for. They are better than what is asked for
+# by this factor, since their errors are amplified.
+_WORTH, _BETTER = 40, 16.0
+# What lies nearer to where panels change, in y, is in no stretch.
+_MARGIN = 1e-6
+# Stretches are cut to this at first; towards the horizon, to this times 1 - y.
+_LONGEST, _GRAZING = 0.1, 0.35
+# Where panels change is looked for on so many incidences.
+_SCAN = 700
+
+
+@dataclass(frozen=True)
+class _Segments:
+    """Heights that panels have in common, from one kink to the next.
+
+    Attributes
+    ----------
+    geometry : ndarray, shape (n, k)
+        What the chart told of every row.
+    kind : ndarray of int, shape (n, m)
+        Rows with the same ones have panels that go over into each other; -1 where there is none.
+    code, ends : ndarray, shape (n, m, 4) and (n, m, 2)
+        As for the first panel of each segment.
+    """
+
+    geometry: np.ndarray
+    kind: np.ndarray
+    code: np.ndarray
+    ends: np.ndarray
+
+    @classmethod
+    def of(cls, chart: RingsChart, part: Part, c: np.ndarray) -> _Segments:
+        n = c.size
+        panels = chart.panels(c, np.zeros(n), np.tile(part.widths, (n, 1)), True)
+        geometry, row, code, box = panels
+        key = np.column_stack((row, code[:, 0], box[:, 4]))
+        first = np.flatnonzero(np.any(np.diff(key, axis=0, prepend=-1.0) != 0.0, axis=1))
+        row = row[first]
+        place = np.arange(row.size) - np.searchsorted(row, row)
+        most = int(place.max(initial=-1)) + 1
+        kind = np.full((n, most + 1), -1)
+        codes, ends = np.zeros((n, most, 4), int), np.zeros((n, most, 2))
+        codes[row, place], ends[row, place] = code[first], box[first, 4:]
+        # Coordinates have a kink where the axis is as high as the lobe is wide.
+        kind[:, 0] = geometry[:, 10] == geometry[:, 4]
+        kind[row, place + 1] = code[first, 0] + 4 * code[first, 3] + 32 * (box[first, 4] == 0.0)
+        return cls(geometry, kind, codes, ends)
+
+    def like(self, kind: np.ndarray) -> np.ndarray:
+        """Which rows are of a kind, where the -1 may be left out."""
+        m = kind.size
+        if m > self.kind.shape[1]:
+            return np.zeros(self.kind.shape[0], bool)
+        return np.all(self.kind[:, :m] == kind, axis=1) & np.all(self.kind[:, m:] < 0, axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Family:
+    """The panels of all incidences between two.
+
+    Attributes
+    ----------
+    low, high : float
+        The incidences, in y.
+    kind : ndarray of int
+        See `_Segments`.
+    segment, box, order : ndarray, shape (m, ...)
+        Of the panels: the segment, the part of it, and how many coefficients there are.
+    series : ndarray, shape (MOST + 1, m * terms + 1)
+        Chebyshev coefficients of the Legendre coefficients of rows that send on 1, and last of the
+        logarithm of what they do.
+    blur, tail : ndarray, shape (m,)
+        As in `Profiles`, for rows that send on 1.
+    doubt, shift : float
+        The worst of the rows it was made from.
+    """
+
+    low: float
+    high: float
+    kind: np.ndarray
+    segment: np.ndarray
+    box: np.ndarray
+    order: np.ndarray
+    series: np.ndarray
+    blur: np.ndarray
+    tail: np.ndarray
+    doubt: float
+    shift: float
+
+    @classmethod
+    def of(cls, y: np.ndarray, kind: np.ndarray, rows: Profiles, first: int) -> _Family | None:
+        """From rows of one kind at nodes and at fresh incidences y, see `nodes.places`.
+
+        They stand from the first on. Where one sends nothing on there is no family.
+        """
+        n = y.size
+        mine = np.flatnonzero((rows.row >= first) & (rows.row < first + n))
+        row = rows.row[mine] - first
+        total = np.bincount(row, rows.series[mine, 0], n)
+        if not np.all(total > 0.0):
+            return None
+        # All rows have the same segments, in the same order.
+        key = np.column_stack((row, rows.code[mine, 0], rows.box[mine, 4]))
+        segment = np.unique(key, axis=0, return_inverse=True)[1].ravel() % (kind.size - 1)
+        place, part, starts, ends = common(segment, rows.box[mine, 2], rows.box[mine, 3])
+        m, at, panel = starts.size, row[place], mine[place]
+        series = np.zeros((n, m, rows.series.shape[1]))
+        series[at, part] = restricted(rows, panel, starts[part], ends[part])
+        series /= total[:, None, None]
+        order, blur, tail, of = np.zeros(m, int), np.zeros(m), np.zeros(m), np.empty(m, int)
+        np.maximum.at(order, part, rows.order[panel])
+        np.maximum.at(blur, part, rows.blur[panel] / total[at])
+        np.maximum.at(tail, part, rows.tail[panel] / total[at])
+        of[part] = segment[place]
+        box = np.column_stack((np.zeros(m), np.ones(m), starts, ends))
+        low, high, nodes = float(y.min()), float(y.max()), MOST + 1
+        basis = _basis(y, low, high)
+        known = np.column_stack((series.reshape(n, -1), np.log(total)))
+        found = basis @ (fitted := np.linalg.solve(basis[:nodes], known[:nodes]))
+        # Moduli of coefficients sum to more than any difference of the two densities.
+        scale = np.exp(found[nodes:, -1] - known[nodes:, -1])
+        off = scale[:, None] * found[nodes:, :-1] - known[nodes:, :-1]
+        missed = np.abs(off).reshape(n - nodes, m, -1).sum(2).max(0)
+        # A panel of next to nothing has the roundings of neighbours that hold more.
+        rounding = _ROUNDINGS * _EPS * np.abs(series).sum(2).max(0)
+        return cls(
+            *(low, high, kind, of, box, order, fitted),
+            *(TRUST * missed + LEBESGUE * (blur + rounding), LEBESGUE * tail),
+            *(float(a[first : first + n].max()) for a in (rows.doubt, rows.shift)),
+        )
+
+    def rows(self, segments: _Segments, which: np.ndarray, y: np.ndarray) -> dict[str, np.ndarray]:
+        """Rows and panels at some of the rows of segments, which lie at y."""
+        n, m = which.size, self.segment.size
+        found = _basis(y, self.low, self.high) @ self.series
+        total = np.exp(found[:, -1:])
+        box = np.empty((n, m, 6))
+        box[:, :, :4], box[:, :, 4:] = self.box, segments.ends[which][:, self.segment]
+        return {
+            "geometry": segments.geometry[which],
+            "doubt": np.full(n, self.doubt),
+            "shift": np.full(n, self.shift),
+            "lift": np.ones(n),
+            "row": np.repeat(np.arange(n), m),
+            "code": segments.code[which][:, self.segment].reshape(n * m, -1),
+            "box": box.reshape(n * m, -1),
+            "order": np.tile(self.order, n),
+            "series": (total * found[:, :-1]).reshape(n * m, -1),
+            "blur": (total * self.blur).ravel(),
+            "tail": (total * self.tail).ravel(),
+        }
+
+
+@dataclass(eq=False)
+class _Stretch:
+    """Incidences that may have a family: how many were asked for, and what became of it."""
+
+    low: float
+    high: float
+    asked: np.ndarray = field(default_factory=lambda: np.empty(0))
+    family: _Family | None = None
+    hopeless: bool = False
+    half: bool = False
+
+    def inside(self, y: np.ndarray) -> np.ndarray:
+        """Those of some coordinates that it holds."""
+        return y[(y >= self.low) & (y <= self.high)]
+
+    def wants_one(self, y: np.ndarray) -> bool:
+        """Whether a family is worth while when some coordinates are asked for."""
+        if self.family is not None or self.hopeless:
+            return False
+        return self.asked.size + self.inside(y).size >= _WORTH
+
+    def halves(self) -> list[_Stretch]:
+        middle = 0.5 * (self.low + self.high)
+        lower, upper = self.asked[self.asked <= middle], self.asked[self.asked > middle]
+        return [
+            _Stretch(self.low, middle, lower, half=True),
+            _Stretch(middle, self.high, upper, half=True),
+        ]
+
+
+class Families:
+    """One part of a model at any incidence.
+
+    Parameters
+    ----------
+    model : Model
+    part : Part
+    chart : RingsChart
+    rtol : float
+        What the integrals of a row are to be worth, as a share of it.
+    finest : float
+        What they can be worth at most.
+    """
+
+    def __init__(
+        self, model: Model, part: Part, chart: RingsChart, rtol: float, finest: float
+    ) -> None:
+        self.model, self.part, self.chart = model, part, chart
+        self.rtol, self.finest = rtol, finest
+
+    def direct(self, c: np.ndarray, lift: float = 1.0) -> Profiles:
+        """Rows from the model, see `Profiles.of`."""
+        return Profiles.of(self.model, self.part, self.chart, c, self.rtol, lift)
+
+    def profiles(self, c: np.ndarray) -> Profiles:
+        """Rows at some cosines: those of families where it is worth while."""
+        y = folded(c)
+        segments = _Segments.of(self.chart, self.part, c)
+        found, order = [], []
+        left = np.ones(c.size, bool)
+        for family in self._asked(y):
+            inside = (y >= family.low) & (y <= family.high) & left
+            if not inside.any():
+                continue
+            which = np.flatnonzero(inside & segments.like(family.kind))
+            left[which] = False
+            if which.size:
+                found.append(Profiles.whole(**family.rows(segments, which, y[which])))
+                found[-1].shift += doubt_of(self.part, c[which])
+                order.append(which)
+        rest = np.flatnonzero(left)
+        if rest.size:
+            found.append(self.direct(c[rest]))
+            order.append(rest)
+        for more in found[1:]:
+            found[0].extend(more)
+        found[0].renumber(np.concatenate(order))
+        return found[0]
+
+    @cached_property
+    def _stretches(self) -> list[_Stretch]:
+        """Between the incidences at which panels appear or vanish."""
+        y = np.linspace(FIRST, LAST, _SCAN)
+        kind = self._segments(y).kind
+        at = np.flatnonzero(np.any(kind[1:] != kind[:-1], axis=1))
+        low, high, before = y[at], y[at + 1], kind[at]
+        while at.size and np.max(high - low) > _MARGIN:
+            middle = 0.5 * (low + high)
+            segments = self._segments(middle)
+            same = np.array([segments.like(k[k >= 0])[i] for i, k in enumerate(before)])
+            low, high = np.where(same, middle, low), np.where(same, high, middle)
+        # The coordinate itself has a kink at 0.
+        starts, ends = np.append(high, (FIRST, 0.0)), np.append(low, (0.0, LAST))
+        found = []
+        for start, end in zip(np.sort(starts), np.sort(ends), strict=True):
+            # More than this hardly has a family.
+            longest = _LONGEST if start >= 0.0 else _GRAZING * (1.0 - end)
+            count = math.ceil((end - start) / longest)
+            cuts = np.linspace(start, end, count + 1).tolist()
+            found += [_Stretch(a, b) for a, b in itertools.pairwise(cuts)]
+        return found
+
+    def _segments(self, y: np.ndarray) -> _Segments:
+        return _Segments.of(self.chart, self.part, cosines(y))
+
+    def _asked(self, y: np.ndarray) -> list[_Family]:
+        """All families, once rows at some coordinates are asked for."""
+        while wanted := [s for s in self._stretches if s.wants_one(y)]:
+            self._make(wanted)
+        for stretch in self._stretches:
+            stretch.asked = np.concatenate((stretch.asked, stretch.inside(y)))
+        return [stretch.family for stretch in self._stretches if stretch.family is not None]
+
+    def _make(self, stretches: list[_Stretch]) -> None:
+        """Families for stretches; where one is not good enough there are two halves then."""
+        ends = np.array([(stretch.low, stretch.high) for stretch in stretches])
+        y = ends[:, :1] + places(MOST) * (ends[:, 1:] - ends[:, :1])
+        kinds = self._segments(y.ravel()).kind.reshape(*y.shape, -1)
+        # Where panels change, or where there are none, there is no family.
+        alike = np.all(kinds == kinds[:, :1], axis=(1, 2)) & (kinds[:, 0, 1] >= 0)
+        made: list[_Family | None] = [None] * len(stretches)
+        if alike.any():
+            c = cosines(y[alike])
+            rtol = max(self.rtol / _BETTER, self.finest)
+            rows = Profiles.of(self.model, self.part, self.chart, c.ravel(), rtol)
+            rows.shift -= doubt_of(self.part, c.ravel())
+            for k, at in enumerate(np.flatnonzero(alike).tolist()):
+                kind = kinds[at, 0][kinds[at, 0] >= 0]
+                family = _Family.of(folded(c[k]), kind, rows, k * y.shape[1])
+                if family and family.doubt * float(family.blur.sum()) <= 0.5 * self.rtol:
+                    made[at] = family
+        for stretch, found in zip(stretches, made, strict=True):
+            stretch.family, stretch.hopeless = found, found is None
+            if found is None and not stretch.half:
+                self._stretches.remove(stretch)
+                self._stretches += stretch.halves()
+
+
+def _basis(y: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Chebyshev's polynomials at coordinates of a stretch."""
+    x = (2.0 * y - low - high) / (high - low)
+    found: np.ndarray = chebyshev.chebvander(np.clip(x, -1.0, 1.0), MOST)
+    return found
