@@ -121,7 +121,7 @@ def test_families_stand_for_the_model_where_many_rows_are_asked_for(
     )
 
 
-def test_no_family_where_a_kink_was_not_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_family_where_a_kink_was_not_told() -> None:
     """Fresh incidences see that coefficients are not smooth, and rows are had from the model."""
     model = albedo.model("cook_torrance", geometry="smith_rational")
     (part,) = model.parts()
@@ -134,3 +134,11 @@ def test_no_family_where_a_kink_was_not_told(monkeypatch: pytest.MonkeyPatch) ->
     assert not any(
         s.family for s in families._stretches if s.low < folded(np.array(height)) < s.high
     )
+
+
+def test_no_family_where_its_rows_could_not_be_better() -> None:
+    model = albedo.model("phong", n=20)
+    (part,) = model.parts()
+    families = Families(model, part, rings_of(part), 3e-13, _finest(part))
+    families.profiles(cosines(np.linspace(-1.0, -0.5, 100)))
+    assert not families._stretches

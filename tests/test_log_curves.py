@@ -10,7 +10,8 @@ from numpy.polynomial import chebyshev
 
 from albedo.charts.heights import FIRST, LAST
 from albedo.operators.divisor import TERMS, LogCurve, straight
-from albedo.operators.ladder import _Piece, _points
+from albedo.operators.ladder import _Piece
+from albedo.operators.nodes import places
 
 _EPS = np.finfo(np.float64).eps
 
@@ -74,7 +75,7 @@ def test_a_piece_with_more_nodes_keeps_its_rows(gaps: int, bent: int) -> None:
 
 @pytest.mark.parametrize("gaps", [4, 8, 16])
 def test_fresh_points_lie_between_nodes(gaps: int) -> None:
-    t = _points(gaps)
+    t = places(gaps)
     nodes, fresh = t[: gaps + 1], t[gaps + 1 :]
     assert np.all(np.diff(nodes) > 0)
     gap = np.searchsorted(nodes, fresh) - 1

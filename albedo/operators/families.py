@@ -28,8 +28,8 @@ _EPS = np.finfo(np.float64).eps
 # Sums of as many terms as a family has rows.
 _ROUNDINGS = 8.0
 # A family is made of 25 rows where so many are asked for. They are better than what is asked for
-# by this factor, since their errors are amplified.
-_WORTH, _BETTER = 40, 16.0
+# by the second factor, since their errors are amplified, and by the first at least.
+_WORTH, _BETTER = 40, (4.0, 16.0)
 # What lies nearer to where panels change, in y, is in no stretch.
 _MARGIN = 1e-6
 # Stretches are cut to this at first; towards the horizon, to this times 1 - y.
@@ -262,6 +262,8 @@ class Families:
     @cached_property
     def _stretches(self) -> list[_Stretch]:
         """Between the incidences at which panels appear or vanish."""
+        if self.rtol < _BETTER[0] * self.finest:
+            return []
         y = np.linspace(FIRST, LAST, _SCAN)
         kind = self._segments(y).kind
         at = np.flatnonzero(np.any(kind[1:] != kind[:-1], axis=1))
@@ -303,7 +305,7 @@ class Families:
         made: list[_Family | None] = [None] * len(stretches)
         if alike.any():
             c = cosines(y[alike])
-            rtol = max(self.rtol / _BETTER, self.finest)
+            rtol = max(self.rtol / _BETTER[1], self.finest)
             rows = Profiles.of(self.model, self.part, self.chart, c.ravel(), rtol)
             rows.shift -= doubt_of(self.part, c.ravel())
             for k, at in enumerate(np.flatnonzero(alike).tolist()):
