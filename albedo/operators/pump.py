@@ -318,7 +318,7 @@ def pump(
     rtol : float, optional
         What the albedos that are divided by are to be worth: 1.2e-10 by default; where they depend
         on the azimuth, or a part of an isotropic model has no rings, 3e-10 for the first and
-        1.5e-9 for later ones. The error that they leave in the result is part of its bound.
+        3e-9 for later ones. The error that they leave in the result is part of its bound.
 
     Returns
     -------
