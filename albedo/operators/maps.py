@@ -240,7 +240,8 @@ def _halved(
 
     What so many of them leave out is summed, or what all do. The shape is (parts, n, 8).
     """
-    for count in PARTS:
+    # Thirty-two terms may take more parts than the eighteen of a curve.
+    for count in (*PARTS, 2 * PARTS[-1], 4 * PARTS[-1]):
         kept, others = on_parts(count, series.shape[1])
         lost = np.abs(series @ others).sum(2)
         if lost.reshape(count, -1, together or len(series)).sum(2).max(initial=0.0) <= allowed:
