@@ -21,6 +21,7 @@ LOWEST = 2.0**-64
 """Below this cosine a height is taken for this one."""
 
 FIRST, LAST = math.log(2.0 * LOWEST), math.pi / 3.0
+_LOG_2 = math.log(2.0)
 
 
 @kernel
@@ -37,6 +38,31 @@ def fold_vector(x, y, z):
     if z <= 0.5:
         return math.log(2.0 * max(z, LOWEST))
     return LAST - math.atan(math.sqrt(x * x + y * y) / z)
+
+
+@kernel
+def fold_elevation(e):
+    """The coordinate y of an elevation above the horizon."""
+    c = math.sin(e)
+    if c <= 0.5:
+        return math.log(2.0 * max(c, LOWEST))
+    return LAST - (0.5 * math.pi - e)
+
+
+@kernel
+def elevation_at(y):
+    """The elevation above the horizon at y."""
+    if y <= 0.0:
+        return math.asin(0.5 * math.exp(y))
+    return 0.5 * math.pi - (LAST - y)
+
+
+@kernel
+def log_height(y):
+    """The logarithm of n.v at y."""
+    if y <= 0.0:
+        return y - _LOG_2
+    return math.log(math.cos(LAST - y))
 
 
 @kernel

@@ -17,7 +17,17 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from albedo._compile import inlined, kernel
-from albedo.charts.heights import FIRST, LAST, LOWEST, fold_vector, folded, unfold, unfolded
+from albedo._threads import side_by_side
+from albedo.charts.heights import (
+    FIRST,
+    LAST,
+    LOWEST,
+    fold_vector,
+    folded,
+    log_height,
+    unfold,
+    unfolded,
+)
 
 TERMS = 18
 """Coefficients of a piece; the last ones are 0 where it has fewer."""
@@ -27,6 +37,8 @@ FEW, _LEFT_OUT = 8, 0.01
 PARTS = (1, 2, 4, 8, 16, 32)
 # Even cells of y, in which pieces are looked up.
 _CELLS = 256
+# Runs of nodes, and rows, that are worth another thread.
+_FEW_RUNS, _FEW_ROWS = 500, 200
 # Samples of a piece in the search for extrema.
 _SAMPLES = 24
 # Steps of bisection: float64 has no use for more.
@@ -355,21 +367,20 @@ def summed(curves: list[LogCurve]) -> LogCurve:
 
 
 @kernel
-def _log_divisors(row, first, count, y, height, l_l, known, pieces, control, out):
+def _log_divisors(row, first, count, y, l_l, known, pieces, control, out):
     """Log of the divisor at runs of nodes, each in a row; `known` has the curves at L."""
     steps = pieces[5].shape[0]
     for k in range(row.size):
         r = row[k]
         for i in range(first[k], first[k] + count[k]):
             total = 0.0
+            largest = max(log_height(y[i]), l_l[r]) if control != 0 else -math.inf
             for j in range(steps):
                 value = max(curve_at(y[i], pieces, j), known[r, j])
                 if control == 1:
-                    value = max(value, height[i], l_l[r])
+                    value = max(value, largest)
                 total += value
-            if control == 2:
-                total = max(total, height[i], l_l[r])
-            out[i] = total
+            out[i] = max(total, largest) if control == 2 else total
 
 
 @kernel
@@ -387,15 +398,15 @@ def _divide(wi, wo, pieces, control, known, out):
             if not vz > 0.0:
                 continue
             y = fold_vector(wo[0, k, i], wo[1, k, i], vz)
-            height = math.log(max(vz, LOWEST)) if control != 0 else 0.0
+            largest = max(log_height(y), l_l) if control != 0 else -math.inf
             total = 0.0
             for j in range(steps):
                 value = max(curve_at(y, pieces, j), known[j])
                 if control == 1:
-                    value = max(value, height, l_l)
+                    value = max(value, largest)
                 total += value
             if control == 2:
-                total = max(total, height, l_l)
+                total = max(total, largest)
             out[k, i] *= math.exp(-total)
 
 
@@ -434,7 +445,6 @@ class Divisor:
         first: np.ndarray,
         count: np.ndarray,
         y: np.ndarray,
-        log_height: np.ndarray,
         out: np.ndarray,
     ) -> None:
         """Fill the log of the divisor at runs of nodes, in rows with these lights.
@@ -444,18 +454,20 @@ class Divisor:
         cos_light : ndarray, shape (n,)
         row, first, count : ndarray of int, shape (m,)
             Row of each run, its first node, and how many there are.
-        y, log_height, out : ndarray, shape (q,)
-            Of all nodes: coordinate of n.v, its logarithm, and the result.
+        y, out : ndarray, shape (q,)
+            Of all nodes: coordinate of n.v, and the result.
         """
         y_l = folded(cos_light)
         # An empty column, because there may be no step.
         empty = np.empty((y_l.size, 0))
         known = np.column_stack([empty, *(curve.at(y_l) for curve in self._used)])
         lowest = np.log(np.maximum(cos_light, LOWEST))
-        _log_divisors(
-            *(row, first, count, y, log_height, lowest, np.ascontiguousarray(known)),
-            *(self._pieces, self._code, out),
-        )
+        rest = lowest, np.ascontiguousarray(known), self._pieces, self._code, out
+
+        def fill(part: slice) -> None:
+            _log_divisors(row[part], first[part], count[part], y, *rest)
+
+        side_by_side(fill, row.size, _FEW_RUNS)
 
     def divide(self, wi: np.ndarray, wo: np.ndarray, out: np.ndarray) -> None:
         """Divide values of a kernel by the divisor, in place."""
@@ -468,10 +480,9 @@ class Divisor:
 
     def logs(self, cos_light: np.ndarray, cos_view: np.ndarray) -> np.ndarray:
         """Log of the divisor for pairs of heights, two arrays of one shape (n,)."""
-        c = np.asarray(cos_view, dtype=np.float64)
-        rows, out = np.arange(c.size), np.empty(c.size)
-        heights = folded(c), np.log(np.maximum(c, LOWEST))
-        self.at_nodes(cos_light, rows, rows, np.ones_like(rows), *heights, out)
+        y = folded(cos_view)
+        rows, out = np.arange(y.size), np.empty(y.size)
+        self.at_nodes(cos_light, rows, rows, np.ones_like(rows), y, out)
         return out
 
     def levels(self, cos_light: np.ndarray) -> np.ndarray:
@@ -559,8 +570,7 @@ def _excess(y, log_l, at_l, r, pieces):
     total = 0.0
     for j in range(at_l.shape[0]):
         total += max(curve_at(y, pieces, j), at_l[j, r])
-    cosine, _ = unfold(y)
-    return total - max(math.log(max(cosine, LOWEST)), log_l)
+    return total - max(log_height(y), log_l)
 
 
 @kernel
@@ -735,11 +745,14 @@ def _equal_levels(function: _Step, y_l: np.ndarray) -> list[np.ndarray]:
     ends = curve.floored_turns if function.floor else curve.turns
     if ends.size == 2:
         return []
-    out = np.full((ends.size - 1, y_l.size), np.nan)
-    _fill_equal(
-        *(y_l, function.at(y_l), ends, function.at(ends), function.floor),
-        *(curve.pieces, out),
-    )
+    goal, known = function.at(y_l), (ends, function.at(ends), function.floor, curve.pieces)
+
+    def fill(part: slice) -> np.ndarray:
+        out = np.full((ends.size - 1, y_l[part].size), np.nan)
+        _fill_equal(y_l[part], goal[part], *known, out)
+        return out
+
+    out = np.concatenate(side_by_side(fill, y_l.size, _FEW_ROWS), axis=1)
     return [column for column in out if np.isfinite(column).any()]
 
 
@@ -759,8 +772,7 @@ def _fill_equal(y_l, goal, ends, at_ends, floor, pieces, out):
                     break
                 value = curve_at(middle, pieces, 0)
                 if floor:
-                    cosine, _ = unfold(middle)
-                    value = max(value, math.log(cosine))
+                    value = max(value, log_height(middle))
                 if (value < goal[r]) == rising:
                     low = middle
                 else:

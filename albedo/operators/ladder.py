@@ -297,7 +297,7 @@ class Ladder:
         s = profiles.slices
         rows, row = np.unique(profiles.row[s.panel[fresh]], return_inverse=True)
         runs = row, s.first[fresh], s.order[fresh]
-        divisor.product.at_nodes(c[rows], *runs, s.y, s.log_height, s.log_product)
+        divisor.product.at_nodes(c[rows], *runs, s.y, s.log_product)
 
     def _sums(self, profiles: Profiles, c: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         log_light = np.log(np.maximum(c, LOWEST))

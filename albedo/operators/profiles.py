@@ -20,9 +20,10 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 
 from albedo._compile import kernel
+from albedo._threads import side_by_side
 from albedo.brdf import Model, Part
 from albedo.charts._compiled import clustered
-from albedo.charts.heights import LOWEST, fold, folded, unfold
+from albedo.charts.heights import LOWEST, elevation_at, fold_elevation, folded, log_height
 from albedo.charts.rings import RingsChart, elevation, stretched
 from albedo.integrators.adaptive import refine
 from albedo.integrators.cells import Cells, ModelIntegrand, judge, probe_cells, rules_by_order
@@ -37,6 +38,11 @@ _TAIL, _WINDOW = 4.0, 3
 _SHOWN = 0.2
 # Roundings at the nodes are amplified by the degree in the last coefficients.
 _NOISE = 1024.0 * np.finfo(np.float64).eps
+# A panel has nodes for this many e-folds of its error; a part of one has a few more than that
+# takes, for what it is divided by, and this many at least.
+_DIGITS, _MORE, _LEAST = 27.6, 4.0, 8.0
+# Slices, and rows, that are worth another thread.
+_FEW, _FEW_ROWS = 500, 8
 # Kinks that are closer than this, as a share of a panel, are one.
 _SAME = 1e-10
 
@@ -93,22 +99,21 @@ class Slices:
         What it was last worth, the bound of its rule, and the largest factor of its nodes.
     stale : ndarray of bool
         Whether these three are to be computed again.
-    density, y, log_height, log_product : ndarray
-        Of nodes: the integral around the ring, per unit of the rule; coordinate of n.v and its
-        logarithm; logarithm of the product of the divisors of all steps.
+    density, y, log_product : ndarray
+        Of nodes: the integral around the ring, per unit of the rule; coordinate of n.v; logarithm
+        of the product of the divisors of all steps.
     """
 
     panel, start, end = _Column("_slices"), _Column("_slices"), _Column("_slices")
     order, first, stale = _Column("_slices"), _Column("_slices"), _Column("_slices")
     value, error, most = _Column("_slices"), _Column("_slices"), _Column("_slices")
-    density, y = _Column("_nodes"), _Column("_nodes")
-    log_height, log_product = _Column("_nodes"), _Column("_nodes")
+    density, y, log_product = _Column("_nodes"), _Column("_nodes"), _Column("_nodes")
 
     def __init__(self) -> None:
         whole = dict.fromkeys(("panel", "order", "first"), np.empty(0, int))
         real = dict.fromkeys(("start", "end", "value", "error", "most"), np.empty(0))
         self._slices = _Store({**whole, **real, "stale": np.empty(0, bool)}, 0)
-        names = ("density", "y", "log_height", "log_product")
+        names = ("density", "y", "log_product")
         self._nodes = _Store(dict.fromkeys(names, np.empty(0)), 0)
 
     def put(
@@ -224,6 +229,26 @@ class Profiles:
 
         See `albedo.integrators.adaptive.refine` for `lift`.
         """
+
+        def some(which: slice) -> Profiles:
+            return cls._of(model, part, chart, cos_theta[which], rtol, lift)
+
+        found, *others = side_by_side(some, cos_theta.size, _FEW_ROWS)
+        for other in others:
+            found.extend(other)
+        return found
+
+    @classmethod
+    def _of(
+        cls,
+        model: Model,
+        part: Part,
+        chart: RingsChart,
+        cos_theta: np.ndarray,
+        rtol: float,
+        lift: float,
+    ) -> Profiles:
+        """The same by one thread."""
         n = cos_theta.size
         p = part.packed(np.tile(np.array(model.pack(), dtype=np.float64), (n, 1)))
         integrand = ModelIntegrand(part.fill, p, np.full(n, part.scale))
@@ -267,21 +292,19 @@ class Profiles:
         """
         s = self.slices
         _, weights, matrices = rules_by_order()
-        _sums(
-            *(s.panel, s.order, s.first, s.stale, s.density, s.log_height, s.log_product),
-            *(self.row, log_light, control == 2, weights, matrices, s.value, s.error, s.most),
-        )
-        n, row = self.geometry.shape[0], self.row[s.panel]
-        most = np.zeros(self.row.size)
-        np.maximum.at(most, s.panel, s.most)
-        # The series of a panel that is one slice is read at its own nodes.
-        cut = np.bincount(s.panel, minlength=self.row.size) > 1
-        own = (self.blur + np.where(cut, self.tail, 0.0)) * most
-        return (
-            np.bincount(row, s.value, n),
-            np.bincount(row, s.error, n) * self.doubt,
-            np.bincount(self.row, own, n) * self.doubt,
-        )
+
+        def sum_nodes(part: slice) -> None:
+            of_slices = (array[part] for array in (s.panel, s.order, s.first, s.stale))
+            found = (array[part] for array in (s.value, s.error, s.most))
+            nodes = s.density, s.y, s.log_product
+            _sums(*of_slices, *nodes, self.row, log_light, control == 2, weights, matrices, *found)
+
+        side_by_side(sum_nodes, s.panel.size, _FEW)
+        n, m = self.geometry.shape[0], self.row.size
+        value, of_slices, of_panels = np.zeros((3, n))
+        panels = self.row, self.blur, self.tail, np.zeros(m), np.zeros(m, int)
+        _add_up(s.panel, s.value, s.error, s.most, *panels, value, of_slices, of_panels)
+        return value, of_slices * self.doubt, of_panels * self.doubt
 
     def multiply(self, curve: LogCurve, cos_theta: np.ndarray, literal: bool) -> None:
         """Take one step more into the product."""
@@ -289,10 +312,14 @@ class Profiles:
         light = np.empty((2, cos_theta.size))
         light[0] = np.log(np.maximum(cos_theta, LOWEST))
         light[1] = curve.at(folded(cos_theta))
-        _multiply(
-            *(self.row[s.panel], s.order, s.first, s.y, s.log_height, light, literal),
-            *(curve.pieces, s.log_product),
-        )
+        row, order, first, y = self.row[s.panel], s.order, s.first, s.y
+        pieces, product = curve.pieces, s.log_product
+
+        def multiply(part: slice) -> None:
+            of_slices = row[part], order[part], first[part]
+            _multiply(*of_slices, y, light, literal, pieces, product)
+
+        side_by_side(multiply, row.size, _FEW)
         s.stale[:] = True
 
     def sent(
@@ -320,7 +347,7 @@ class Profiles:
         y, share, lowest = np.empty(room), np.empty(room), np.empty(room)
         total = np.zeros(rows.size)
         count = _gather(
-            *(slices, own, s.order, s.first, s.y, s.density, s.log_height, s.log_product),
+            *(slices, own, s.order, s.first, s.y, s.density, s.log_product),
             *(log_light, control, edges, rules_by_order()[1], row, piece, y, share, lowest, total),
         )
         filled = slice(count)
@@ -345,13 +372,20 @@ class Profiles:
         least : ndarray, shape (n,)
         """
         s = self.slices
-        room = max(s.panel.size * levels.shape[1], 1)
-        which, place = np.empty(room, int), np.empty(room)
-        count = _find_kinks(
-            *(s.panel, s.start, s.end, s.value, self.row, self.code, self.box, self.geometry),
-            *(levels, least, controlled, curve.pieces, curve.spread, which, place),
-        )
-        return which[:count], place[:count]
+        slices = s.panel, s.start, s.end, s.value
+        panels = self.row, self.code, self.box, self.geometry
+        pieces, spread = curve.pieces, curve.spread
+
+        def find(part: slice) -> tuple[np.ndarray, np.ndarray]:
+            own = [array[part] for array in slices]
+            room = max(own[0].size * levels.shape[1], 1)
+            which, place = np.empty(room, int), np.empty(room)
+            known = levels, least, controlled, pieces, spread
+            count = _find_kinks(*own, *panels, *known, which, place)
+            return which[:count] + part.start, place[:count]
+
+        which, place = zip(*side_by_side(find, s.panel.size, _FEW), strict=True)
+        return np.concatenate(which), np.concatenate(place)
 
     def cut(self, which: np.ndarray, place: np.ndarray) -> np.ndarray:
         """Cut slices at places on their panels; return the numbers of the new ones.
@@ -397,11 +431,10 @@ class Profiles:
         """Put new slices (panel, start, end, order) in the place of others; see `Slices.put`."""
         s = self.slices
         fresh = s.put(gone, *parts)
-        _lay_out(
-            *(fresh, s.panel, s.start, s.end, s.order, s.first),
-            *(self.row, self.code, self.box, self.order, self.series, self.geometry),
-            *(rules_by_order()[0], s.density, s.y, s.log_height),
-        )
+        slices = s.panel, s.start, s.end, s.order, s.first
+        panels = self.row, self.code, self.box, self.order, self.series, self.geometry
+        nodes = rules_by_order()[0], s.density, s.y
+        side_by_side(lambda part: _lay_out(fresh[part], *slices, *panels, *nodes), fresh.size, _FEW)
         return fresh
 
     def rows(self, kept: np.ndarray) -> Profiles:
@@ -464,8 +497,8 @@ def _rungs(wanted: np.ndarray) -> np.ndarray:
 
 
 def _orders(order: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Nodes for a share of a panel of some order."""
-    return _rungs(np.maximum(order * (0.5 + 0.5 * share), 10.0))
+    """Nodes for a share of a panel of some order, whose nearest singularity is as far away."""
+    return _rungs(np.maximum(_DIGITS / (_DIGITS / order - np.log(share)) + _MORE, _LEAST))
 
 
 def doubt_of(part: Part, cos_theta: np.ndarray) -> np.ndarray:
@@ -600,7 +633,6 @@ def _lay_out(
     nodes,
     density,
     y,
-    log_height,
 ):
     """Fill the nodes of slices: integrals around rings by Clenshaw's sum, and heights."""
     for k in fresh:
@@ -616,9 +648,7 @@ def _lay_out(
                 last, before = series[i, m] + rise, last
             density[first[k] + j] = size * (series[i, 0] + u * last - 0.5 * before)
             e_v = _height(g, code[i, 0], code[i, 3], box[i], t)
-            c = math.sin(e_v)
-            y[first[k] + j] = fold(c, math.cos(e_v))
-            log_height[first[k] + j] = math.log(max(c, LOWEST))
+            y[first[k] + j] = fold_elevation(e_v)
 
 
 @kernel
@@ -628,7 +658,7 @@ def _sums(
     first,
     stale,
     density,
-    log_height,
+    y,
     log_product,
     row,
     log_light,
@@ -649,12 +679,29 @@ def _sums(
         for j in range(q):
             product = log_product[first[k] + j]
             if clamped:
-                product = max(product, log_height[first[k] + j], log_light[row[panel[k]]])
+                product = max(product, log_height(y[first[k] + j]), log_light[row[panel[k]]])
             scale = math.exp(-product)
             along[j] = density[first[k] + j] * scale
             most[k] = max(most[k], scale)
         error[k], _ = judge(along[:q], weights[q, :q], matrices[q, : q * q].reshape(q, q), spectrum)
         value[k], stale[k] = spectrum[0], False
+
+
+@kernel
+def _add_up(
+    panel, value, error, most, row, blur, tail, largest, count, total, of_slices, of_panels
+):
+    """Add slices up to rows, and bounds of panels; `largest` and `count` are room for panels."""
+    for k in range(panel.size):
+        i = panel[k]
+        total[row[i]] += value[k]
+        of_slices[row[i]] += error[k]
+        largest[i] = max(largest[i], most[k])
+        count[i] += 1
+    for i in range(row.size):
+        # The series of a panel that is one slice is read at its own nodes.
+        left_out = tail[i] if count[i] > 1 else 0.0
+        of_panels[row[i]] += (blur[i] + left_out) * largest[i]
 
 
 @kernel
@@ -665,7 +712,6 @@ def _gather(
     first,
     y,
     density,
-    log_height,
     log_product,
     log_light,
     control,
@@ -685,7 +731,7 @@ def _gather(
         at, most = -1, 0.0
         for j in range(q):
             i = first[k] + j
-            floor = max(log_height[i], log_light[r])
+            floor = max(log_height(y[i]), log_light[r]) if control != 0 else -math.inf
             free = control != 2 or log_product[i] >= floor
             product = log_product[i] if free else floor
             light = density[i] * math.exp(-product) * weights[q, j]
@@ -703,14 +749,14 @@ def _gather(
 
 
 @kernel
-def _multiply(row, order, first, y, log_height, light, literal, pieces, log_product):
+def _multiply(row, order, first, y, light, literal, pieces, log_product):
     """Add the log of what a step divides by at all nodes."""
     for k in range(row.size):
         at_l = light[1, row[k]]
         for j in range(first[k], first[k] + order[k]):
             step = max(curve_at(y[j], pieces, 0), at_l)
             if literal:
-                step = max(step, log_height[j], light[0, row[k]])
+                step = max(step, log_height(y[j]), light[0, row[k]])
             log_product[j] += step
 
 
@@ -746,26 +792,23 @@ def _find_kinks(
         e_end[0] = _height(g, side, power, box[i], start[k])
         e_end[1] = _height(g, side, power, box[i], end[k])
         # Coordinates grow with the height, and are compared without another function.
-        y_0 = fold(math.sin(e_end[0]), math.cos(e_end[0]))
-        y_1 = fold(math.sin(e_end[1]), math.cos(e_end[1]))
+        y_0, y_1 = fold_elevation(e_end[0]), fold_elevation(e_end[1])
         for m in range(levels.shape[1]):
             level = levels[r, m]
             # Not where there is no level.
             if not (level - y_0) * (level - y_1) < 0.0:
                 continue
-            height, flat = unfold(level)
-            e_v = math.atan2(height, flat)
+            e_v = elevation_at(level)
             here = curve_at(level, pieces, 0)
             # Of the two sides of a maximum one may be constant: what changes is the other one.
             for side_of in range(2):
                 change[side_of] = 0.0
                 for half in range(2):
                     e = e_v + (0.5 + 0.5 * half) * (e_end[side_of] - e_v)
-                    c = math.sin(e)
-                    there = curve_at(fold(c, math.cos(e)), pieces, 0)
-                    moved = abs(there - here)
+                    y = fold_elevation(e)
+                    moved = abs(curve_at(y, pieces, 0) - here)
                     if controlled:
-                        moved += abs(math.log(max(c, LOWEST) / max(height, LOWEST)))
+                        moved += abs(log_height(y) - log_height(level))
                     change[side_of] = max(change[side_of], moved)
             if value[k] * min(change[0], change[1]) > least[r]:
                 which[count] = k
