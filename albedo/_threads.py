@@ -1,7 +1,4 @@
-"""Work on several cores: parts of arrays that have nothing to do with each other.
-
-No sum runs over the ends of parts, so results have the same bits whatever the number of threads.
-"""
+"""Work on several cores: parts of arrays that have nothing to do with each other."""
 
 from __future__ import annotations
 
@@ -16,9 +13,10 @@ from typing import TypeVar
 from albedo.errors import InputError
 
 _Result = TypeVar("_Result")
-_inside = threading.local()
+_MOST = 256
 # Parts for each thread: the machine may do other things as well.
 _PARTS = 2
+_inside = threading.local()
 
 
 def threads() -> int:
@@ -31,17 +29,47 @@ def threads() -> int:
     """
     chosen = os.environ.get("ALBEDO_THREADS", "")
     if not chosen:
-        return _cores()
-    if not chosen.isdecimal() or not 1 <= int(chosen) <= 256:
-        raise InputError(f"ALBEDO_THREADS = {chosen!r} is out of range; it lies in [1, 256]")
+        # Not all cores of a machine are there for each process.
+        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+        return min(cores or 1, _MOST)
+    if not chosen.isdecimal() or not 1 <= int(chosen) <= _MOST:
+        raise InputError(f"ALBEDO_THREADS = {chosen!r} is out of range; it lies in [1, {_MOST}]")
     return int(chosen)
 
 
-def _cores() -> int:
-    """Cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+def side_by_side(work: Callable[[slice], _Result], count: int, least: int) -> list[_Result]:
+    """What some work finds on parts of so many items, in their order.
+
+    Parameters
+    ----------
+    work : callable
+        ``work(part)`` for a slice; what it finds of an item is the same in any part. It lets go of
+        the interpreter's lock, or there is no gain.
+    count : int
+        Of items.
+    least : int
+        Fewer items than this are not worth another part.
+    """
+    workers = threads()
+    parts = max(min(_PARTS * workers, count // least), 1) if workers > 1 else 1
+    return _found(work, [count * k // parts for k in range(parts + 1)])
+
+
+def in_batches(work: Callable[[slice], _Result], count: int, size: int) -> list[_Result]:
+    """What some work finds on batches of a size, in their order.
+
+    They are the same whatever the number of threads, and so are roundings that depend on them.
+    """
+    return _found(work, [*range(0, max(count, 1), size), count])
+
+
+def _found(work: Callable[[slice], _Result], ends: list[int]) -> list[_Result]:
+    parts = [slice(a, b) for a, b in itertools.pairwise(ends)]
+    # What waits in a thread of the pool must not wait for another.
+    workers = 1 if len(parts) == 1 or hasattr(_inside, "pool") else threads()
+    if workers == 1:
+        return [work(part) for part in parts]
+    return list(_pool(workers, os.getpid()).map(work, parts))
 
 
 @cache
@@ -51,26 +79,4 @@ def _pool(count: int, process: int) -> ThreadPoolExecutor:
 
 
 def _mark() -> None:
-    """Let a thread know that it belongs to a pool: what waits in there must not wait for it."""
     _inside.pool = True
-
-
-def side_by_side(work: Callable[[slice], _Result], count: int, least: int) -> list[_Result]:
-    """What some work finds on every part of so many items, in their order.
-
-    Parameters
-    ----------
-    work : callable
-        ``work(part)`` for a slice; it lets go of the interpreter's lock, or there is no gain.
-    count : int
-        Of items.
-    least : int
-        Fewer items than this are not worth another part.
-    """
-    workers = 1 if hasattr(_inside, "pool") else threads()
-    parts = min(_PARTS * workers, count // least) if workers > 1 else 1
-    if parts < 2:
-        return [work(slice(0, count))]
-    ends = [count * k // parts for k in range(parts + 1)]
-    slices = [slice(a, b) for a, b in itertools.pairwise(ends)]
-    return list(_pool(workers, os.getpid()).map(work, slices))

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 
 from albedo._compile import kernel
-from albedo._threads import side_by_side
+from albedo._threads import in_batches, side_by_side
 from albedo.brdf import Model, Part
 from albedo.charts._compiled import clustered
 from albedo.charts.heights import LOWEST, elevation_at, fold_elevation, folded, log_height
@@ -41,8 +41,8 @@ _NOISE = 1024.0 * np.finfo(np.float64).eps
 # A panel has nodes for this many e-folds of its error; a part of one has a few more than that
 # takes, for what it is divided by, and this many at least.
 _DIGITS, _MORE, _LEAST = 27.6, 4.0, 8.0
-# Slices, and rows, that are worth another thread.
-_FEW, _FEW_ROWS = 500, 8
+# Slices that are worth another thread, and rows that one integrates at once.
+_FEW, _BATCH = 500, 64
 # Kinks that are closer than this, as a share of a panel, are one.
 _SAME = 1e-10
 
@@ -233,7 +233,7 @@ class Profiles:
         def some(which: slice) -> Profiles:
             return cls._of(model, part, chart, cos_theta[which], rtol, lift)
 
-        found, *others = side_by_side(some, cos_theta.size, _FEW_ROWS)
+        found, *others = in_batches(some, cos_theta.size, _BATCH)
         for other in others:
             found.extend(other)
         return found
@@ -248,7 +248,7 @@ class Profiles:
         rtol: float,
         lift: float,
     ) -> Profiles:
-        """The same by one thread."""
+        """One batch of them."""
         n = cos_theta.size
         p = part.packed(np.tile(np.array(model.pack(), dtype=np.float64), (n, 1)))
         integrand = ModelIntegrand(part.fill, p, np.full(n, part.scale))

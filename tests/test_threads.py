@@ -1,0 +1,93 @@
+"""Work on several cores gives the same bits, and a wrong number of threads one sentence."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import pytest
+
+import albedo
+from albedo._threads import in_batches, side_by_side, threads
+from albedo.charts.heights import (
+    FIRST,
+    LAST,
+    LOWEST,
+    elevation_at,
+    fold,
+    fold_elevation,
+    folded,
+    log_height,
+    unfolded,
+)
+from albedo.errors import InputError
+from albedo.operators.ladder import Ladder
+
+
+@pytest.mark.parametrize("control", [None, "cumulative"])
+def test_curves_have_the_same_bits(control: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """More rows than one batch has, and more slices than are left to one thread."""
+    found = []
+    for count in ("1", "3"):
+        monkeypatch.setenv("ALBEDO_THREADS", count)
+        ladder = Ladder(albedo.model("ward", m=0.2), control, 1.2e-10)
+        for _ in range(4):
+            ladder.step()
+        found.append(ladder)
+    one, three = found
+    assert one._cos.size > 64
+    assert one._parts[0].slices.panel.size > 1000
+    for a, b in zip(one.curves, three.curves, strict=True):
+        np.testing.assert_array_equal(a.edges, b.edges)
+        np.testing.assert_array_equal(a.coefficients, b.coefficients)
+        np.testing.assert_array_equal(a.error, b.error)
+
+
+def test_parts_come_in_order_and_cover_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ALBEDO_THREADS", "3")
+    items = np.arange(1000)
+    for found in (
+        side_by_side(lambda part: items[part], items.size, 10),
+        in_batches(lambda part: items[part], items.size, 64),
+    ):
+        assert len(found) > 1
+        np.testing.assert_array_equal(np.concatenate(found), items)
+    # Nothing at all is one empty part.
+    assert [part.size for part in in_batches(lambda part: items[part], 0, 64)] == [0]
+    assert [part.size for part in side_by_side(lambda part: items[part], 0, 10)] == [0]
+
+
+def test_work_inside_work_does_not_wait_for_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All threads of the pool are taken by what waits for more."""
+    monkeypatch.setenv("ALBEDO_THREADS", "2")
+
+    def outer(part: slice) -> int:
+        return sum(in_batches(lambda inner: inner.stop - inner.start, part.stop - part.start, 2))
+
+    found: list[list[int]] = []
+    waiting = threading.Thread(target=lambda: found.append(in_batches(outer, 64, 8)), daemon=True)
+    waiting.start()
+    waiting.join(30.0)
+    assert found == [[8] * 8]
+
+
+@pytest.mark.parametrize("chosen", ["0", "257", "two", "-1", "1.5"])
+def test_a_wrong_number_gets_one_sentence(chosen: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ALBEDO_THREADS", chosen)
+    with pytest.raises(InputError, match=r"ALBEDO_THREADS = '.*' is out of range; .* \[1, 256\]"):
+        threads()
+
+
+def test_heights_of_elevations_are_those_of_cosines() -> None:
+    e = np.concatenate((np.geomspace(LOWEST, 1e-3, 40), np.linspace(1e-3, 0.5 * np.pi, 60)))
+    y = np.array([fold_elevation(x) for x in e])
+    direct = np.array([fold(np.sin(x), np.cos(x)) for x in e])
+    # Both round a logarithm below 44.4, or an angle.
+    np.testing.assert_allclose(y, direct, rtol=0.0, atol=2e-14)
+    # An ulp of y moves a small elevation by as many as y is large.
+    np.testing.assert_allclose([elevation_at(x) for x in y], e, rtol=2e-14, atol=0.0)
+    line = np.linspace(FIRST, LAST, 101)
+    np.testing.assert_allclose(
+        [log_height(x) for x in line], np.log(unfolded(line)), rtol=1e-14, atol=1e-15
+    )
+    assert log_height(folded(np.array([LOWEST]))[0]) == pytest.approx(np.log(LOWEST), rel=1e-15)
