@@ -291,17 +291,26 @@ def test_values_that_were_computed_once_do_not_change_the_key() -> None:
 
 SOURCE = """
 import math
+import os
 
 from albedo._compile import kernel
 from albedo.brdf import Model, Part, Real
 from albedo.charts.cosine import CosineChart
 
 
+SCALE = float(os.environ.get("KEPT_SCALE", "1.0"))
+
+
+@kernel
+def scaled(x):
+    return SCALE * x / math.pi
+
+
 @kernel
 def fill(wi, wo, h, p, out):
     for j in range(out.shape[0]):
         for i in range(out.shape[1]):
-            out[j, i] = p[j, 0] / math.pi
+            out[j, i] = scaled(p[j, 0])
 
 
 class Mine(Model):
@@ -333,14 +342,18 @@ def closed(scale):
 """
 
 
-def loaded(path: Path, text: str) -> Any:
-    """A module of a user, loaded from its file as it is now."""
-    path.write_text(text)
-    spec = importlib.util.spec_from_file_location(path.stem, path)
+NAME = "kept_model_of_mine"
+
+
+def loaded(path: Path, text: str | None = None) -> Any:
+    """A module of a user, loaded from its file as it is now, or is to be."""
+    if text is not None:
+        path.write_text(text)
+    spec = importlib.util.spec_from_file_location(NAME, path)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules[path.stem] = module
+    sys.modules[NAME] = module
     spec.loader.exec_module(module)
     return module
 
@@ -348,9 +361,9 @@ def loaded(path: Path, text: str) -> Any:
 @pytest.fixture
 def mine(tmp_path: Path) -> Iterator[Path]:
     sys.dont_write_bytecode, before = True, sys.dont_write_bytecode
-    yield tmp_path / "kept_model_of_mine.py"
+    yield tmp_path / "mine.py"
     sys.dont_write_bytecode = before
-    sys.modules.pop("kept_model_of_mine", None)
+    sys.modules.pop(NAME, None)
 
 
 def test_a_model_of_a_user_is_known_by_its_sources(mine: Path) -> None:
@@ -366,13 +379,37 @@ def test_a_model_of_a_user_is_known_by_its_sources(mine: Path) -> None:
     assert kept._key(first, ()) not in (None, key)
     helper.unlink()
     # Edited, and not loaded again: what is on the disk is not what runs.
-    mine.write_text(text.replace("p[j, 0] / math.pi", "0.5 * p[j, 0] / math.pi"))
+    mine.write_text(text.replace("scaled(p[j, 0])", "scaled(0.5 * p[j, 0])"))
     os.utime(mine, (4e9, 4e9))
     assert kept._key(first, ()) is None
     edited = loaded(mine, mine.read_text()).Mine()
     assert kept._key(edited, ()) not in (None, key)
     assert kept._key(first, ()) is None
     assert kept._key(loaded(mine, text).Mine(), ()) == key
+
+
+def test_scripts_beside_each_other_are_told_apart(mine: Path) -> None:
+    """A class of the same name, in modules of the same name: `__main__`."""
+    other = mine.with_name("other.py")
+    mine.write_text(SOURCE.replace("FILL", "fill"))
+    other.write_text(SOURCE.replace("FILL", "fill").replace("SCALE * x", "0.5 * SCALE * x"))
+    keys = [kept._key(loaded(path).Mine(), ()) for path in (mine, other)]
+    assert None not in keys
+    assert keys[0] != keys[1]
+
+
+def test_what_a_kernel_reads_beside_its_parameters_is_in_the_key(
+    mine: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = SOURCE.replace("FILL", "fill")
+    key = kept._key(loaded(mine, text).Mine(), ())
+    monkeypatch.setenv("KEPT_SCALE", "0.5")
+    assert kept._key(loaded(mine).Mine(), ()) not in (None, key)
+    monkeypatch.setenv("KEPT_SCALE", "1.0")
+    assert kept._key(loaded(mine).Mine(), ()) == key
+    # Nobody can tell what an object is.
+    held = loaded(mine, text.replace("SCALE = float(os", "SCALE, OLD = object(), float(os"))
+    assert kept._key(held.Mine(), ()) is None
 
 
 def test_nothing_is_kept_of_what_cannot_be_told(mine: Path, folder: Path) -> None:

@@ -20,6 +20,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import fields, is_dataclass
 from functools import cached_property
 from pathlib import Path
+from types import BuiltinFunctionType, FunctionType, ModuleType
 from typing import Any
 
 import numpy as np
@@ -268,29 +269,50 @@ def _said(value: Any) -> Any:
         names = home.__module__, home.__qualname__
         # What the kernels read may come from elsewhere than the parameters.
         packed = np.array(value.pack(), dtype=np.float64)
-        return [kind, names, _sources(value), _said(kept), _said(packed)]
+        return [kind, names, _own(value), _said(kept), _said(packed)]
     raise _UntoldError
 
 
-def _sources(model: Model) -> list[str]:
-    """Digests of the sources outside of this package that a model is made of."""
+def _own(model: Model) -> list[Any]:
+    """What makes a model that is not of this package alone: sources, and what they hold."""
     kinds = [kind for kind in type(model).__mro__[:-1] if not _inside(_home(kind))]
     if not kinds:
         return []
-    homes = {_home(kind).parent for kind in kinds}
+    homes = {_home(kind) for kind in kinds}
+    # A script is told from others only by its file.
+    told: list[Any] = [sorted(home.name for home in homes)]
     for part in model.parts():
-        code = getattr(getattr(part.fill, "py_func", part.fill), "__code__", None)
-        # Sources do not tell what a function or an object holds beside them.
-        if code is None or code.co_freevars:
-            raise _UntoldError
-        homes |= {Path(code.co_filename).resolve().parent, _home(type(part.chart)).parent}
+        told.append(_held(part.fill, homes))
+        plain = "name", "widths", "chart", "columns", "scale", "doubt", "heights"
+        told.append([_said(getattr(part, name)) for name in plain])
     # A file that was edited since is not what runs.
     made = min(vars(kind).get("made", 0.0) for kind in kinds)
-    outside = sorted(home for home in homes if not _inside(home))
-    for home in outside:
-        if any(source.stat().st_mtime > made for source in home.rglob("*.py")):
+    folders = sorted({home.parent for home in homes})
+    for folder in folders:
+        if any(source.stat().st_mtime > made for source in folder.rglob("*.py")):
             raise _UntoldError
-    return [digest.__wrapped__(home) for home in outside]
+    return [*told, [digest.__wrapped__(folder) for folder in folders]]
+
+
+def _held(function: Any, homes: set[Path], seen: tuple[Any, ...] = ()) -> list[Any]:
+    """The globals that a function reads, and those that it calls; their files join `homes`."""
+    function = getattr(function, "py_func", function)
+    code = getattr(function, "__code__", None)
+    # Nothing tells what an object holds, or a function that was made inside of another.
+    if code is None or code.co_freevars:
+        raise _UntoldError
+    home = Path(code.co_filename).resolve()
+    if _inside(home) or function in seen:
+        return []
+    homes.add(home)
+    told = []
+    for name in code.co_names:
+        value = function.__globals__.get(name)
+        if hasattr(value, "py_func") or isinstance(value, FunctionType):
+            told.append([name, _held(value, homes, (*seen, function))])
+        elif not isinstance(value, ModuleType | BuiltinFunctionType | type):
+            told.append([name, _said(value)])
+    return told
 
 
 def _inside(path: Path) -> bool:
