@@ -54,7 +54,7 @@ _TRUST = 8.0
 _OWN, _LIMIT = 0.05, 400_000
 # Albedos that a thread computes at once: who interrupts waits for them, and those of models that
 # are divided by tables take ten times as long.
-_CHUNK, _CHUNK_LATER = 256, 32
+_CHUNK, _CHUNK_LATER = 256, 16
 # Least size of a rectangle, and of one in a strip.
 _SHORTEST, _SLIM = 1e-6, 1e-3
 # Terms along w that sum to less than this share of the tolerance need no nodes.
