@@ -33,13 +33,14 @@ _HOME = {
     "InputError": "albedo.errors",
     "DivergenceError": "albedo.errors",
     "ConvergenceWarning": "albedo.errors",
+    "CacheWarning": "albedo.errors",
 }
 
 if TYPE_CHECKING:
     from albedo.averages import average_albedo
     from albedo.brdf import Model
     from albedo.catalogue import model, models
-    from albedo.errors import ConvergenceWarning, DivergenceError, InputError
+    from albedo.errors import CacheWarning, ConvergenceWarning, DivergenceError, InputError
     from albedo.estimate import Estimate
     from albedo.integrators.monte_carlo import MonteCarloEstimate, monte_carlo_albedo
     from albedo.operators.compensate import compensate
@@ -51,6 +52,7 @@ if TYPE_CHECKING:
     from albedo.user import model_from
 
 __all__ = [
+    "CacheWarning",
     "ConvergenceWarning",
     "DivergenceError",
     "Estimate",

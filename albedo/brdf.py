@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import copy
 import math
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -290,11 +291,15 @@ class Model:
     domain: ClassVar[str] = ""
     """What an energy map sweeps: the ranges of the main parameters, in the same grammar."""
 
+    made: ClassVar[float] = 0.0
+    """When the class was defined, in seconds since the epoch."""
+
     _declared: ClassVar[dict[str, Parameter]] = {}
     parameters: Mapping[str, Any]
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
+        cls.made = time.time()
         own = {k: v for k, v in vars(cls).items() if isinstance(v, Parameter)}
         # What a model declares itself comes before what it inherits.
         cls._declared = {**own, **{k: v for k, v in cls._declared.items() if k not in own}}

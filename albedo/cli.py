@@ -757,7 +757,8 @@ def pump(
 
     The model must be symmetric in both directions; it need not conserve energy. Where it is
     anisotropic, or has lobes elsewhere than about the mirror direction, each step is a table of
-    its own, and takes minutes rather than milliseconds.
+    its own, and takes minutes rather than milliseconds. Such tables are kept: a run that was
+    interrupted goes on where it stopped.
 
     \b
     Examples:
@@ -1216,30 +1217,46 @@ def _compiling(*models: Spec) -> Iterator[None]:
 @contextmanager
 def _progress(what: str, total: int | None) -> Iterator[Callable[[int, int], None]]:
     """Show a transient progress bar on stderr, when it is a terminal and there is a wait."""
-    if not sys.stderr.isatty() or total == 1:
-        yield lambda done, total: None
-        return
-    from rich.console import Console
-    from rich.progress import Progress
-
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(what, total=total)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+    with _bar(what, total, visible=total != 1) as update:
+        yield lambda done, total: update(completed=done, total=total)
 
 
 @contextmanager
 def _study_progress(what: str) -> Iterator[Callable[[int, int, str], None]]:
+    with _bar(what, None) as update:
+        yield lambda done, total, text: update(
+            completed=done, total=total, description=f"{what} {text}".strip()
+        )
+
+
+@contextmanager
+def _bar(what: str, total: int | None, visible: bool = True) -> Iterator[Callable[..., None]]:
+    """Yield what updates a bar, below which tables of albedos have bars of their own."""
     if not sys.stderr.isatty():
-        yield lambda done, total, text: None
+        yield lambda **changes: None
         return
     from rich.console import Console
     from rich.progress import Progress
 
+    from albedo.progress import watched
+
     with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(what, total=None)
-        yield lambda done, total, text: bar.update(
-            task, completed=done, total=total, description=f"{what} {text}".strip()
-        )
+
+        @contextmanager
+        def table(what: str) -> Iterator[Callable[[int, int], None]]:
+            # More may turn out to be needed: there is no share to show.
+            task = bar.add_task(what, total=None, visible=False)
+            try:
+                yield lambda done, known: bar.update(
+                    task,
+                    description=f"{what}: {done:,} albedos of at least {known:,}",
+                    visible=True,
+                )
+            finally:
+                bar.remove_task(task)
+
+        with watched(table):
+            yield partial(bar.update, bar.add_task(what, total=total, visible=visible))
 
 
 def _new_table(*heads: str, right: bool = False) -> Table:

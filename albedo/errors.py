@@ -11,3 +11,7 @@ class DivergenceError(InputError):
 
 class ConvergenceWarning(UserWarning):
     """A tolerance was not met within the budget; the bound in the result still holds."""
+
+
+class CacheWarning(UserWarning):
+    """What is kept on disk cannot be read or written; it is computed anew, and nothing is lost."""

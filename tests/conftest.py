@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import zlib
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
+
+from albedo.operators import kept
 
 SEED = 20090603
 """The one seed of all random numbers in the tests."""
@@ -26,3 +29,12 @@ settings.load_profile("albedo")
 def rng(request: pytest.FixtureRequest) -> np.random.Generator:
     """A generator that depends on the seed and on the test, not on which tests ran before."""
     return np.random.default_rng([SEED, zlib.crc32(request.node.nodeid.encode())])
+
+
+@pytest.fixture(autouse=True)
+def _nothing_kept(
+    monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """Tables are computed, whatever earlier runs kept, and leave nothing."""
+    monkeypatch.setattr(kept, "_folder", lambda: tmp_path_factory.getbasetemp() / "tables")
+    monkeypatch.setattr(kept, "_WORTH", math.inf)

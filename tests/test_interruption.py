@@ -225,3 +225,75 @@ def test_an_interrupted_report_is_completed_by_the_next_run(
     assert sorted(path.name for path in (tmp_path / "site").iterdir()) == names
     folder = (tmp_path / "site" / "second").rglob("*")
     assert {p: p.read_bytes() for p in folder if p.is_file()} == kept
+
+
+# What is kept lies in the folder of the run, and so does a list of all albedos of tables that it
+# began to compute.
+KEPT = """
+import pathlib, sys
+from albedo.cli import main
+from albedo.operators import kept, mapping
+kept._WORTH, kept._folder = 0.0, lambda: pathlib.Path("tables")
+rows = mapping.albedo_rows
+def tapped(models, c, phi, **options):
+    with open("begun", "a") as file:
+        # Those that look for symmetry have no limit.
+        if "max_evaluations" in options:
+            file.write("".join(f"{place}\\n" for place in zip(c.tolist(), phi.tolist())))
+    return rows(models, c, phi, **options)
+mapping.albedo_rows = tapped
+sys.argv[0] = "albedo"
+main()
+"""
+PUMP = ("pump", "ward:alpha_x=0.4,alpha_y=0.2", "--theta", "30,60", "--phi", "20")
+
+
+def test_an_interrupted_table_of_a_step_is_shown_and_taken_up(tmp_path: Path) -> None:
+    pty = pytest.importorskip("pty")
+    ours, theirs = pty.openpty()
+    process = subprocess.Popen(
+        [sys.executable, "-c", KEPT, *PUMP],
+        cwd=tmp_path,
+        env={**ENVIRONMENT, "TERM": "xterm", "COLUMNS": "100"},
+        stdout=theirs,
+        stderr=theirs,
+    )
+    os.close(theirs)
+    said = b""
+    try:
+        while not list(tmp_path.glob("tables/*.rows")) or b"albedos of at least" not in said:
+            said += os.read(ours, 4096)
+        process.send_signal(signal.SIGINT)
+        sent = time.monotonic()
+        while True:
+            try:
+                more = os.read(ours, 4096)
+            except OSError:  # the other end is closed
+                break
+            if not more:
+                break
+            said += more
+        assert process.wait(PATIENCE) == 130
+        assert time.monotonic() - sent < SOON
+    finally:
+        process.kill()
+        process.wait()
+        os.close(ours)
+    assert b"table 1: " in said
+    assert b"Interrupted; files that were not finished were not kept." in said
+    assert b"Traceback" not in said
+    assert {path.suffix for path in (tmp_path / "tables").iterdir()} == {".rows"}
+    before = set((tmp_path / "begun").read_text().splitlines())
+    assert before
+    (tmp_path / "begun").unlink()
+    again = start(tmp_path, *PUMP, code=KEPT)
+    said_again, errors = again.communicate(timeout=PATIENCE)
+    assert (again.returncode, errors) == (0, "")
+    # Threads finished what they had begun, and none of it was lost.
+    assert before.isdisjoint((tmp_path / "begun").read_text().splitlines())
+    # The table is there as a whole, and the next run computes nothing of it.
+    assert [path.suffix for path in (tmp_path / "tables").iterdir()] == [".table"]
+    (tmp_path / "begun").unlink()
+    last = start(tmp_path, *PUMP, code=KEPT)
+    assert last.communicate(timeout=PATIENCE) == (said_again, "")
+    assert not (tmp_path / "begun").exists()

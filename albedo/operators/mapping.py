@@ -11,10 +11,10 @@ from __future__ import annotations
 import itertools
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -23,6 +23,7 @@ from albedo.brdf import Model
 from albedo.charts.heights import FIRST, LAST, folded
 from albedo.errors import InputError
 from albedo.estimate import Estimate
+from albedo.operators.kept import Shelf
 from albedo.operators.levels import critical_levels
 from albedo.operators.maps import (
     CURVE,
@@ -51,8 +52,9 @@ _GLANCE, _UNSEEN, _ASIDE = 32, 10, 0.4
 _TRUST = 8.0
 # What an albedo itself may err by, as a share of the tolerance, and evaluations that it may take.
 _OWN, _LIMIT = 0.05, 400_000
-# Albedos that a thread computes at once.
-_CHUNK = 256
+# Albedos that a thread computes at once: who interrupts waits for them, and those of models that
+# are divided by tables take ten times as long.
+_CHUNK, _CHUNK_LATER = 256, 16
 # Least size of a rectangle, and of one in a strip.
 _SHORTEST, _SLIM = 1e-6, 1e-3
 # Terms along w that sum to less than this share of the tolerance need no nodes.
@@ -62,6 +64,8 @@ STARTS = (FIRST, -18.0, -8.0, -4.5, -2.0, -0.8, 0.0, LAST - 0.25 * math.pi, 0.65
 """Ends in y of the first rectangles."""
 _QUARTER, _WHOLE = 0.5 * math.pi, 2.0 * math.pi
 _SYMMETRY_CHECKS = 12
+# What `_logs` returns, from grids alone.
+_Logs = Callable[[list[tuple[np.ndarray, np.ndarray]]], tuple[list[np.ndarray], list[float], int]]
 
 
 @dataclass
@@ -201,6 +205,7 @@ def log_map(
     most: int = 10_000,
     starts: tuple[float, ...] = STARTS,
     before: Sequence[LogMap] = (),
+    shelf: Shelf | None = None,
 ) -> LogMap:
     """Tabulate the logarithm of an albedo over all heights and azimuths.
 
@@ -215,6 +220,8 @@ def log_map(
         Ends in y of the first rectangles; 0 is one of them.
     before : sequence of LogMap
         What the model is divided by: the albedo bends along their critical levels.
+    shelf : Shelf, optional
+        Where albedos go as they come, and where some may be known.
 
     Returns
     -------
@@ -227,18 +234,20 @@ def log_map(
         For an albedo that is not above 0.
     """
     quarter = model.isotropic or _symmetric(model, rtol)
-    tree, active = _start(model, rtol, starts, quarter)
+    chunk = _CHUNK_LATER if before else _CHUNK
+    logs_of = partial(_logs, model, rtol, shelf or Shelf(), chunk)
+    tree, active = _start(model, logs_of, rtol, starts, quarter)
     active, strips = _bent(tree, active, before)
     leaves: list[tuple[_Rectangle, _Fit]] = []
     used = rows = 0
     while active:
         unknown = [rectangle for rectangle in active if rectangle.turns == 0]
         if unknown:
-            seen, taken, evaluations = _seen(model, tree, unknown, rtol, rows < most)
+            seen, taken, evaluations = _seen(logs_of, tree, unknown, rtol, rows < most)
             active = [rectangle for rectangle in active if rectangle.turns] + seen
             rows, used = rows + taken, used + evaluations
             continue
-        fits, evaluations = _tabulated(model, active, rtol)
+        fits, evaluations = _tabulated(logs_of, active)
         used += evaluations
         rows += sum(rectangle.rows for rectangle in active)
         poor: list[tuple[_Rectangle, _Fit]] = []
@@ -273,7 +282,7 @@ def log_map(
 
 
 def _start(
-    model: Model, rtol: float, starts: tuple[float, ...], quarter: bool
+    model: Model, logs_of: _Logs, rtol: float, starts: tuple[float, ...], quarter: bool
 ) -> tuple[_Tree, list[_Rectangle]]:
     """The first rectangles."""
     ends = [-1.0, 1.0] if quarter else np.linspace(0.0, _WHOLE, 5).tolist()
@@ -288,7 +297,7 @@ def _start(
         return tree, found
     # Lines in the middle tell which k suits, and how many nodes it takes along w.
     middle, across = np.zeros(1), _nodes(_GLANCE)
-    logs, _, _ = _logs(model, [rectangle.grid(middle, across) for rectangle in found], rtol)
+    logs, _, _ = logs_of([rectangle.grid(middle, across) for rectangle in found])
     return tree, [_suited(one, line[0], rtol) for one, line in zip(found, logs, strict=True)]
 
 
@@ -344,7 +353,7 @@ def _strip(whole: _Rectangle, w: tuple[float, float], piece: Piece, edges: int) 
 
 
 def _seen(
-    model: Model, tree: _Tree, rectangles: list[_Rectangle], rtol: float, cut: bool
+    logs_of: _Logs, tree: _Tree, rectangles: list[_Rectangle], rtol: float, cut: bool
 ) -> tuple[list[_Rectangle], int, int]:
     """Rectangles with the nodes that lines across them ask for, or halves of them.
 
@@ -352,7 +361,7 @@ def _seen(
     """
     aside, across, up = np.array([_ASIDE]), _nodes(_GLANCE), _nodes(_ORDER)
     grids = [one.grid(*lines) for one in rectangles for lines in ((aside, across), (up, aside))]
-    logs, own, used = _logs(model, grids, rtol)
+    logs, own, used = logs_of(grids)
     found = []
     for k, one in enumerate(rectangles):
         (along, over), noise = logs[2 * k : 2 * k + 2], max(own[2 * k : 2 * k + 2])
@@ -396,28 +405,35 @@ def _suited(rectangle: _Rectangle, line: np.ndarray, rtol: float) -> _Rectangle:
 
 
 def _logs(
-    model: Model, grids: list[tuple[np.ndarray, np.ndarray]], rtol: float
+    model: Model,
+    rtol: float,
+    shelf: Shelf,
+    chunk: int,
+    grids: list[tuple[np.ndarray, np.ndarray]],
 ) -> tuple[list[np.ndarray], list[float], int]:
     """Logarithms of albedos on grids, what they may err by on each, and evaluations."""
     c, phi = (np.concatenate([grid[k].ravel() for grid in grids]) for k in (0, 1))
+    value, error, evaluations = shelf.known(c, phi).T
+    missing = np.flatnonzero(np.isnan(value))
     # Every chunk costs about the same.
-    chunks = [np.arange(k, c.size, -(-c.size // _CHUNK)) for k in range(-(-c.size // _CHUNK))]
+    count = -(-missing.size // chunk)
+    chunks = [missing[k::count] for k in range(count)]
 
     def of_chunk(which: np.ndarray) -> Estimate:
-        return albedo_rows(
+        found = albedo_rows(
             *([model] * which.size, c[which], phi[which]),
             rtol=_OWN * rtol,
             atol=0.0,
             max_evaluations=_LIMIT,
         )
+        shelf.put(c[which], phi[which], found)
+        return found
 
-    value, error = np.empty(c.size), np.empty(c.size)
-    used = 0
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         try:
             for which, found in zip(chunks, pool.map(of_chunk, chunks), strict=True):
                 value[which], error[which] = found.value, found.error
-                used += int(found.evaluations.sum())
+                evaluations[which] = found.evaluations
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
@@ -430,16 +446,16 @@ def _logs(
     ends = np.cumsum([cosines.size for cosines, _ in grids])[:-1]
     logs, errors = np.split(np.log(value), ends), np.split(error / value, ends)
     shaped = [line.reshape(c.shape) for line, (c, _) in zip(logs, grids, strict=True)]
-    return shaped, [float(own.max()) for own in errors], used
+    return shaped, [float(own.max()) for own in errors], int(evaluations.sum())
 
 
-def _tabulated(model: Model, rectangles: list[_Rectangle], rtol: float) -> tuple[list[_Fit], int]:
+def _tabulated(logs_of: _Logs, rectangles: list[_Rectangle]) -> tuple[list[_Fit], int]:
     """Series on rectangles, and evaluations."""
     grids = []
     for one in rectangles:
         grids.append(one.grid(_nodes(one.order), _nodes(one.turns)))
         grids.append(one.grid(_fresh(one.order), _fresh(one.turns)))
-    logs, own, used = _logs(model, grids, rtol)
+    logs, own, used = logs_of(grids)
     fits = []
     for k, one in enumerate(rectangles):
         both = slice(2 * k, 2 * k + 2)

@@ -11,6 +11,7 @@ by the largest of these averages over each rectangle.
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -22,6 +23,7 @@ from albedo.brdf import Model, Part
 from albedo.charts._compiled import CompiledChart
 from albedo.directions import spherical
 from albedo.integrators.adaptive import integrate
+from albedo.operators.kept import shelf_of
 from albedo.operators.mapping import STARTS, log_map
 from albedo.operators.maps import HOPELESS, LogMap, Maps
 from albedo.operators.split import SplitChart
@@ -65,21 +67,32 @@ class Stages:
     stage: Callable[[Model, int, str | None, float | None], Model]
     tables: list[LogMap] = field(default_factory=list)
     _maps: dict[int, Maps] = field(default_factory=dict)
+    _making: threading.RLock = field(default_factory=threading.RLock)
 
     def albedos(self, steps: int) -> list[LogMap]:
         """What the first steps divide by."""
-        while len(self.tables) < steps:
-            k = len(self.tables)
-            present = self.stage(self.model, k, self.control, self.rtol)
-            if k == 0:
-                table = log_map(present, self.worth(k), _MOST_FIRST)
-            else:
-                poor = max(float(table.error.max()) for table in self.tables) > _POOR
-                most = _MOST_FIRST if poor else _MOST_LATER
-                table = log_map(present, self.worth(k), most, _FINER, self.tables)
-                table = replace(table, error=table.error + self._inherited(table))
-            self.tables.append(table)
+        if len(self.tables) < steps:
+            # Two threads are not to make the same table, and append it twice.
+            with self._making:
+                while len(self.tables) < steps:
+                    self.tables.append(self._table())
         return self.tables[:steps]
+
+    def _table(self) -> LogMap:
+        """The table that comes next."""
+        k, before = len(self.tables), tuple(self.tables)
+        present = self.stage(self.model, k, self.control, self.rtol)
+        poor = max((float(table.error.max()) for table in before), default=0.0) > _POOR
+        most = _MOST_FIRST if k == 0 or poor else _MOST_LATER
+        asked = self.worth(k), most, STARTS if k == 0 else _FINER, before
+        with shelf_of(f"table {k + 1}", present, *asked) as shelf:
+            table = shelf.finished()
+            if table is None:
+                table = log_map(present, *asked, shelf)
+                if before:
+                    table = replace(table, error=table.error + self._inherited(table))
+                shelf.keep(table)
+        return table
 
     def worth(self, step: int) -> float:
         """What the table that a step reads is to be worth."""
@@ -141,7 +154,7 @@ class Stages:
     def divisor(self, steps: int) -> Maps:
         """The divisor of the first steps; always the same object."""
         if steps not in self._maps:
-            self._maps[steps] = Maps(tuple(self.albedos(steps)), self.control)
+            self._maps.setdefault(steps, Maps(tuple(self.albedos(steps)), self.control))
         return self._maps[steps]
 
     def chart(self, part: Part, steps: int) -> CompiledChart | SplitChart:
