@@ -15,7 +15,7 @@ from albedo.errors import InputError
 _Result = TypeVar("_Result")
 _MOST = 256
 # Parts for each thread: the machine may do other things as well.
-_PARTS = 2
+_PARTS = 1
 _inside = threading.local()
 
 
@@ -69,7 +69,11 @@ def _found(work: Callable[[slice], _Result], ends: list[int]) -> list[_Result]:
     workers = 1 if len(parts) == 1 or hasattr(_inside, "pool") else threads()
     if workers == 1:
         return [work(part) for part in parts]
-    return list(_pool(workers, os.getpid()).map(work, parts))
+    # Whoever waits works as well, on the last part.
+    pool = _pool(workers - 1, os.getpid())
+    others = [pool.submit(work, part) for part in parts[:-1]]
+    last = work(parts[-1])
+    return [*(other.result() for other in others), last]
 
 
 @cache

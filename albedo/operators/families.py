@@ -254,10 +254,7 @@ class Families:
         if rest.size:
             found.append(self.direct(c[rest]))
             order.append(rest)
-        for more in found[1:]:
-            found[0].extend(more)
-        found[0].renumber(np.concatenate(order))
-        return found[0]
+        return Profiles.together(found, order)
 
     @cached_property
     def _stretches(self) -> list[_Stretch]:

@@ -47,8 +47,9 @@ _SHORTEST = 1e-5
 # Integrals around rings are had to this share of the tolerance, or as well as float64 allows.
 _INNER, _FINEST = 0.06, 2e-13
 # What they leave unknown of a row is tolerated up to a share of that; then all that is next
-# to nothing is had as precisely as the rest, down to a millionth of the row.
-_COARSE, _LIFT = 0.15, 1e6
+# to nothing is had as precisely as the rest, down to a millionth of the row, or to nothing at all:
+# towards grazing incidence a mirror leaves what is lost at first, and is much once it is pumped up.
+_COARSE, _LIFTS = 0.15, (1.0, 1e6, 1e40)
 # Sums over rings may have this share of it; slices are not cut to less than a part of a panel,
 # to which twenty halvings lead, after a few rounds that give more nodes.
 _SHARE, _ROUNDS, _NARROWEST = 0.05, 32, 1e-6
@@ -237,7 +238,15 @@ class Ladder:
         if fresh.size == 0:
             return
         c = cosines(fresh)
-        parts = [self._profile(part, c) for part in self.model.parts()]
+        if self._parts:
+            nearest = self._nearest(fresh)
+            lifts = [profiles.lift[nearest] for profiles in self._parts]
+        else:
+            lifts = [np.ones(c.size) for _ in self.model.parts()]
+        parts = [
+            self._profile(part, c, lift)
+            for part, lift in zip(self.model.parts(), lifts, strict=True)
+        ]
         if not self._parts:
             self._parts = parts
         else:
@@ -245,6 +254,13 @@ class Ladder:
                 old.extend(new)
         self._row |= {y: self._cos.size + k for k, y in enumerate(fresh.tolist())}
         self._cos = np.concatenate((self._cos, c))
+
+    def _nearest(self, y: np.ndarray) -> np.ndarray:
+        """The rows next to some coordinates."""
+        known = np.sort(list(self._row))
+        k = np.clip(np.searchsorted(known, y), 1, known.size - 1)
+        below = y - known[k - 1] < known[k] - y
+        return np.array([self._row[at] for at in known[k - below].tolist()])
 
     def _leave_out(self) -> None:
         """Give up the rows that are for no point of a piece, when they are many."""
@@ -261,13 +277,20 @@ class Ladder:
         """The rows of the nodes and of the fresh points of a piece."""
         return np.array([self._row[y] for y in piece.y.tolist()])
 
-    def _profile(self, part: Part, c: np.ndarray, lift: float = 1.0) -> Profiles:
+    def _profile(self, part: Part, c: np.ndarray, lift: np.ndarray) -> Profiles:
+        """Rows, each with the precision of what is next to nothing that it is known to need."""
         if part not in self._families:
             finest = _finest(part)
             rtol = max(self.rtol * _INNER, finest)
             self._families[part] = Families(self.model, part, rings_of(part), rtol, finest)
         families = self._families[part]
-        profiles = families.profiles(c) if lift == 1.0 else families.direct(c, lift)
+        which = [np.flatnonzero(lift == one) for one in _LIFTS]
+        found = [
+            families.profiles(c[rows]) if one == 1.0 else families.direct(c[rows], one)
+            for one, rows in zip(_LIFTS, which, strict=True)
+            if rows.size
+        ]
+        profiles = Profiles.together(found, which)
         self._meet(profiles, c, 0)
         return profiles
 
@@ -355,9 +378,10 @@ class Ladder:
         changed = False
         for k, (profiles, part) in enumerate(zip(self._parts, self.model.parts(), strict=True)):
             poor = of_panels[k] * len(self._parts) > goal
-            rows = np.flatnonzero(poor & (profiles.lift < _LIFT))
+            rows = np.flatnonzero(poor & (profiles.lift < _LIFTS[-1]))
             if rows.size:
-                fresh = self._profile(part, self._cos[rows], _LIFT)
+                above = np.searchsorted(_LIFTS, profiles.lift[rows]) + 1
+                fresh = self._profile(part, self._cos[rows], np.array(_LIFTS)[above])
                 self._parts[k] = profiles.replaced(rows, fresh)
                 changed = True
         return changed

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -19,6 +18,7 @@ from functools import cache, partial
 import numpy as np
 from numpy.polynomial import chebyshev
 
+from albedo._threads import threads
 from albedo.brdf import Model
 from albedo.charts.heights import FIRST, LAST, folded
 from albedo.errors import InputError
@@ -429,7 +429,7 @@ def _logs(
         shelf.put(c[which], phi[which], found)
         return found
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with ThreadPoolExecutor(threads()) as pool:
         try:
             for which, found in zip(chunks, pool.map(of_chunk, chunks), strict=True):
                 value[which], error[which] = found.value, found.error

@@ -453,6 +453,15 @@ class Profiles:
         for name in _OF_ROWS:
             setattr(self, name, getattr(self, name)[np.argsort(number)])
 
+    @staticmethod
+    def together(found: list[Profiles], which: list[np.ndarray]) -> Profiles:
+        """Rows that were found in groups, in the order of the numbers of each."""
+        first, *others = found
+        for other in others:
+            first.extend(other)
+        first.renumber(np.concatenate(which))
+        return first
+
     def extend(self, other: Profiles) -> None:
         """Take in the rows of others, after the own ones."""
         rows = np.arange(other.geometry.shape[0]) + self.geometry.shape[0]
