@@ -58,7 +58,7 @@ class Counter:
 @pytest.fixture
 def counter(monkeypatch: pytest.MonkeyPatch) -> Counter:
     """One thread, and few albedos at once."""
-    monkeypatch.setattr(mapping.os, "cpu_count", lambda: 1)
+    monkeypatch.setenv("ALBEDO_THREADS", "1")
     monkeypatch.setattr(mapping, "_CHUNK", 32)
     return Counter(monkeypatch)
 
