@@ -77,7 +77,7 @@ def test_a_level_is_found_where_its_height_is() -> None:
     pumped = albedo.pump(albedo.model("ward", m=0.4), 1)
     (curve,) = pumped.albedos
     levels = pumped.divisor.last_levels(COSINES)
-    profiles.multiply(curve, COSINES, False)
+    profiles.multiply(curve, COSINES, False, np.empty(0, int))
     profiles.sums(0, np.log(COSINES))
     which, place = profiles.kinks(curve, levels, False, np.zeros(COSINES.size))
     fresh = profiles.cut(which, place)

@@ -38,7 +38,7 @@ PARTS = (1, 2, 4, 8, 16, 32)
 # Even cells of y, in which pieces are looked up.
 _CELLS = 256
 # Runs of nodes, and rows, that are worth another thread.
-_FEW_RUNS, _FEW_ROWS = 500, 200
+_FEW_RUNS, _FEW_ROWS = 300, 200
 # Samples of a piece in the search for extrema.
 _SAMPLES = 24
 # Steps of bisection: float64 has no use for more.

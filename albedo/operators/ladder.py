@@ -55,6 +55,8 @@ _COARSE, _LIFTS = 0.15, (1.0, 1e6, 1e40)
 _SHARE, _ROUNDS, _NARROWEST = 0.05, 32, 1e-6
 # What a kink that no node sees may hide in one slice, as a share of the tolerance.
 _HIDDEN = 0.001
+# Half the nodes do where they leave this share of the tolerance.
+_AMPLE = 0.5
 # Rows that no piece uses any more are kept as long as they are fewer than this share of all.
 _UNUSED = 0.1
 
@@ -296,20 +298,31 @@ class Ladder:
 
     def _meet(self, profiles: Profiles, c: np.ndarray, done: int) -> None:
         """Take all steps but so many into the products, and cut where their curves have kinks."""
-        for curve in self.curves[done:]:
-            profiles.multiply(curve, c, self.control == "literal")
+        fresh = np.empty(0, int)
+        late = bool(profiles.slices.stale.any())
+        if late:
+            # What hides is told by what slices are worth; at a step the one before will do.
+            self._multiply(profiles, c, done, fresh)
         levels = {n: self.divisor(n).last_levels(c) for n in range(done + 1, len(self.curves) + 1)}
         levels = {n: found for n, found in levels.items() if found.shape[1]}
-        if not levels:
-            return
-        value, _, _ = self._sums(profiles, c)
-        least = _HIDDEN * self.rtol * value
-        controlled = self.control is not None
-        found = [
-            profiles.kinks(self.curves[n - 1], at, controlled, least) for n, at in levels.items()
-        ]
-        which, place = (np.concatenate(numbers) for numbers in zip(*found, strict=True))
-        self._renew(profiles, profiles.cut(which, place), self._divisor(), c)
+        if levels:
+            value, _, _ = self._sums(profiles, c)
+            least = _HIDDEN * self.rtol * value
+            controlled = self.control is not None
+            found = [
+                profiles.kinks(self.curves[n - 1], at, controlled, least)
+                for n, at in levels.items()
+            ]
+            which, place = (np.concatenate(numbers) for numbers in zip(*found, strict=True))
+            fresh = profiles.cut(which, place)
+        if not late:
+            self._multiply(profiles, c, done, fresh)
+        self._renew(profiles, fresh, self._divisor(), c)
+
+    def _multiply(self, profiles: Profiles, c: np.ndarray, done: int, without: np.ndarray) -> None:
+        """Take all steps but so many into the products of all but some slices."""
+        for curve in self.curves[done:]:
+            profiles.multiply(curve, c, self.control == "literal", without)
 
     def _renew(
         self, profiles: Profiles, fresh: np.ndarray, divisor: Divisor, c: np.ndarray
@@ -322,9 +335,12 @@ class Ladder:
         runs = row, s.first[fresh], s.order[fresh]
         divisor.product.at_nodes(c[rows], *runs, s.y, s.log_product)
 
+    def _controlled(self, c: np.ndarray) -> tuple[int, np.ndarray]:
+        """What sums know of the control: its number, and the logarithms of n.l."""
+        return CONTROLS.index(self.control), np.log(np.maximum(c, LOWEST))
+
     def _sums(self, profiles: Profiles, c: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        log_light = np.log(np.maximum(c, LOWEST))
-        return profiles.sums(CONTROLS.index(self.control), log_light)
+        return profiles.sums(*self._controlled(c))
 
     def _values(self) -> tuple[np.ndarray, np.ndarray]:
         """Albedos of all rows at the present step, and their relative errors of quadrature."""
@@ -356,18 +372,28 @@ class Ladder:
 
     def _sharpen(self, of_slices: np.ndarray, goal: np.ndarray) -> bool:
         """Refine slices whose rules are not worth what rows may lose; whether any was."""
-        short, changed = of_slices.sum(0) > goal, False
-        if not short.any():
+        total, changed = of_slices.sum(0), False
+        if not np.any(total > goal):
             return False
-        divisor = self._divisor()
+        divisor, control, log_light = self._divisor(), *self._controlled(self._cos)
         for profiles in self._parts:
             s = profiles.slices
             row = profiles.row[s.panel]
-            most = (0.5 * goal / np.maximum(np.bincount(row, minlength=goal.size), 1))[row]
-            hit = np.flatnonzero(short[row] & (s.error > most) & (s.end - s.start > _NARROWEST))
-            changed |= hit.size > 0
-            if hit.size:
-                self._renew(profiles, profiles.raised(hit), divisor, self._cos)
+            most = 0.5 * goal / np.maximum(np.bincount(row, minlength=goal.size), 1)
+            hit = np.arange(row.size)
+            for _ in range(_ROUNDS):
+                poor = (total > goal)[row] & (s.error[hit] > most[row])
+                hit = hit[poor & ((s.end - s.start)[hit] > _NARROWEST)]
+                if hit.size == 0:
+                    break
+                changed = True
+                row, before = profiles.row[s.panel[hit]], s.error[hit]
+                total = total - np.bincount(row, before, total.size) * profiles.doubt
+                hit = profiles.raised(hit)
+                self._renew(profiles, hit, divisor, self._cos)
+                profiles.sum_nodes(hit, control, log_light)
+                row = profiles.row[s.panel[hit]]
+                total += np.bincount(row, s.error[hit], total.size) * profiles.doubt
         return changed
 
     def _remake(self, of_panels: np.ndarray, goal: np.ndarray) -> bool:
@@ -416,6 +442,7 @@ class Ladder:
             if not poor or len(self._pieces) + len(poor) > _MOST_PIECES:
                 break
             self._refine(poor)
+        self._thin_out(fits, np.log(value), own)
         curve = LogCurve(
             np.array([piece.low for piece in self._pieces] + [LAST]),
             np.stack([series for series, _, _ in fits]),
@@ -441,8 +468,7 @@ class Ladder:
             return found
         c = self._cos[rows]
         y_l, mirror = folded(c), self._mirror()[0][rows]
-        control = CONTROLS.index(self.control)
-        log_light = np.log(np.maximum(c, LOWEST))
+        control, log_light = self._controlled(c)
         runs = [profiles.sent(control, log_light, rows, curve.edges) for profiles in self._parts]
         total = mirror + sum(run.total for run in runs)
         middle = 0.5 * (curve.edges[1:] + curve.edges[:-1])
@@ -499,6 +525,18 @@ class Ladder:
         whole = np.zeros(TERMS)
         whole[:terms] = series
         return whole, bound, missed <= noise
+
+    def _thin_out(
+        self, fits: list[tuple[np.ndarray, float, bool]], logs: np.ndarray, own: np.ndarray
+    ) -> None:
+        """Give pieces half their nodes where these do: later albedos are smoother."""
+        for k, piece in enumerate(self._pieces):
+            while piece.gaps > FEWEST:
+                half = replace(piece, gaps=piece.gaps // 2)
+                fit = self._fit(half, logs, own)
+                if fit[1] > _AMPLE * self.rtol:
+                    break
+                self._pieces[k], fits[k], piece = half, fit, half
 
     def _may_refine(self, piece: _Piece) -> bool:
         return piece.gaps < MOST or piece.high - piece.low > _SHORTEST

@@ -42,7 +42,7 @@ _NOISE = 1024.0 * np.finfo(np.float64).eps
 # takes, for what it is divided by, and this many at least.
 _DIGITS, _MORE, _LEAST = 27.6, 4.0, 8.0
 # Slices that are worth another thread, and rows that one integrates at once.
-_FEW, _BATCH = 500, 64
+_FEW, _BATCH = 300, 64
 # Kinks that are closer than this, as a share of a panel, are one.
 _SAME = 1e-10
 
@@ -291,35 +291,36 @@ class Profiles:
             Log of n.l.
         """
         s = self.slices
-        _, weights, matrices = rules_by_order()
-
-        def sum_nodes(part: slice) -> None:
-            of_slices = (array[part] for array in (s.panel, s.order, s.first, s.stale))
-            found = (array[part] for array in (s.value, s.error, s.most))
-            nodes = s.density, s.y, s.log_product
-            _sums(*of_slices, *nodes, self.row, log_light, control == 2, weights, matrices, *found)
-
-        side_by_side(sum_nodes, s.panel.size, _FEW)
+        self.sum_nodes(np.flatnonzero(s.stale), control, log_light)
         n, m = self.geometry.shape[0], self.row.size
         value, of_slices, of_panels = np.zeros((3, n))
         panels = self.row, self.blur, self.tail, np.zeros(m), np.zeros(m, int)
         _add_up(s.panel, s.value, s.error, s.most, *panels, value, of_slices, of_panels)
         return value, of_slices * self.doubt, of_panels * self.doubt
 
-    def multiply(self, curve: LogCurve, cos_theta: np.ndarray, literal: bool) -> None:
-        """Take one step more into the product."""
+    def sum_nodes(self, which: np.ndarray, control: int, log_light: np.ndarray) -> None:
+        """Say anew what some slices are worth; see `sums`."""
+        s = self.slices
+        _, weights, matrices = rules_by_order()
+        known = s.panel, s.order, s.first, s.density, s.y, s.log_product
+        rest = self.row, log_light, control == 2, weights, matrices, s.value, s.error, s.most
+        side_by_side(lambda part: _sums(which[part], *known, *rest), which.size, _FEW)
+        s.stale[which] = False
+
+    def multiply(
+        self, curve: LogCurve, cos_theta: np.ndarray, literal: bool, without: np.ndarray
+    ) -> None:
+        """Take one step more into the products of all but some slices."""
         s = self.slices
         light = np.empty((2, cos_theta.size))
         light[0] = np.log(np.maximum(cos_theta, LOWEST))
         light[1] = curve.at(folded(cos_theta))
-        row, order, first, y = self.row[s.panel], s.order, s.first, s.y
+        s.stale[:] = True
+        s.stale[without] = False
+        which = np.flatnonzero(s.stale)
+        known = s.panel, s.order, s.first, self.row, s.y, light, literal
         pieces, product = curve.pieces, s.log_product
-
-        def multiply(part: slice) -> None:
-            of_slices = row[part], order[part], first[part]
-            _multiply(*of_slices, y, light, literal, pieces, product)
-
-        side_by_side(multiply, row.size, _FEW)
+        side_by_side(lambda part: _multiply(which[part], *known, pieces, product), which.size, _FEW)
         s.stale[:] = True
 
     def sent(
@@ -662,10 +663,10 @@ def _lay_out(
 
 @kernel
 def _sums(
+    slices,
     panel,
     order,
     first,
-    stale,
     density,
     y,
     log_product,
@@ -678,11 +679,9 @@ def _sums(
     error,
     most,
 ):
-    """Fill what slices are worth, where that is stale."""
+    """Fill what some slices are worth."""
     spectrum, along = np.empty(32), np.empty(32)
-    for k in range(panel.size):
-        if not stale[k]:
-            continue
+    for k in slices:
         q = order[k]
         most[k] = 0.0
         for j in range(q):
@@ -693,7 +692,7 @@ def _sums(
             along[j] = density[first[k] + j] * scale
             most[k] = max(most[k], scale)
         error[k], _ = judge(along[:q], weights[q, :q], matrices[q, : q * q].reshape(q, q), spectrum)
-        value[k], stale[k] = spectrum[0], False
+        value[k] = spectrum[0]
 
 
 @kernel
@@ -758,14 +757,15 @@ def _gather(
 
 
 @kernel
-def _multiply(row, order, first, y, light, literal, pieces, log_product):
-    """Add the log of what a step divides by at all nodes."""
-    for k in range(row.size):
-        at_l = light[1, row[k]]
+def _multiply(slices, panel, order, first, row, y, light, literal, pieces, log_product):
+    """Add the log of what a step divides by at the nodes of some slices."""
+    for k in slices:
+        r = row[panel[k]]
+        at_l = light[1, r]
         for j in range(first[k], first[k] + order[k]):
             step = max(curve_at(y[j], pieces, 0), at_l)
             if literal:
-                step = max(step, log_height(y[j]), light[0, row[k]])
+                step = max(step, log_height(y[j]), light[0, r])
             log_product[j] += step
 
 
