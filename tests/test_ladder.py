@@ -133,6 +133,23 @@ def test_curves_of_families_are_those_of_rows_from_the_model(
         assert np.all(np.abs(curve.at(y) - fine.at(y)) <= bound)
 
 
+def test_pieces_give_up_nodes_that_later_albedos_do_not_need() -> None:
+    """Those that are left are nodes of before, so that no row is computed for it."""
+    found, fewer = Ladder(albedo.model("ward", m=0.2), None, 1.2e-10), 0
+    before: dict[tuple[float, float], np.ndarray] = {}
+    for _ in range(8):
+        found.step()
+        nodes = {(one.low, one.high): one.y[: one.gaps + 1] for one in found._pieces}
+        for ends, y in nodes.items():
+            if ends in before and y.size < before[ends].size:
+                fewer += 1
+                assert np.all(np.isin(y, before[ends]))
+        # What is left confirms each curve to the tolerance.
+        assert found.curves[-1].error.max() <= 2.0 * found.rtol
+        before = nodes
+    assert fewer > 0
+
+
 @pytest.mark.slow
 def test_what_a_mirror_leaves_at_grazing_incidence_is_had_step_by_step() -> None:
     """Its albedo is a thousandth there, so that every step multiplies what was next to nothing."""
