@@ -8,14 +8,12 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
-from typing import TypeVar
+from typing import TypeVar, cast
 
 from albedo.errors import InputError
 
 _Result = TypeVar("_Result")
 _MOST = 256
-# Parts for each thread: the machine may do other things as well.
-_PARTS = 1
 _inside = threading.local()
 
 
@@ -51,7 +49,7 @@ def side_by_side(work: Callable[[slice], _Result], count: int, least: int) -> li
         Fewer items than this are not worth another part.
     """
     workers = threads()
-    parts = max(min(_PARTS * workers, count // least), 1) if workers > 1 else 1
+    parts = max(min(workers, count // least), 1)
     return _found(work, [count * k // parts for k in range(parts + 1)])
 
 
@@ -69,11 +67,20 @@ def _found(work: Callable[[slice], _Result], ends: list[int]) -> list[_Result]:
     workers = 1 if len(parts) == 1 or hasattr(_inside, "pool") else threads()
     if workers == 1:
         return [work(part) for part in parts]
-    # Whoever waits works as well, on the last part.
+    todo, found = iter(range(len(parts))), cast(list[_Result], [None] * len(parts))
+
+    def pull() -> None:
+        for k in todo:
+            found[k] = work(parts[k])
+
+    # Whoever waits works as well, and does not wait for those that have nothing left to begin.
     pool = _pool(workers - 1, os.getpid())
-    others = [pool.submit(work, part) for part in parts[:-1]]
-    last = work(parts[-1])
-    return [*(other.result() for other in others), last]
+    others = [pool.submit(pull) for _ in range(min(workers, len(parts)) - 1)]
+    pull()
+    for other in others:
+        if not other.cancel():
+            other.result()
+    return found
 
 
 @cache
