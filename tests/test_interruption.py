@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -131,21 +132,23 @@ def test_a_table_interrupted_while_it_is_written_leaves_the_former_file(tmp_path
     assert (tmp_path / "small.nc").read_text() == "former"
 
 
-def test_an_interrupted_progress_bar_leaves_the_terminal_alone(tmp_path: Path) -> None:
-    """On a terminal a second thread draws the bar: it ends too, and the cursor comes back."""
+def interrupted_on_a_terminal(
+    folder: Path, command: list[str], ready: Callable[[bytes], bool]
+) -> bytes:
+    """Run Python on a terminal, interrupt it when it has said enough; return all that it said."""
     pty = pytest.importorskip("pty")
     ours, theirs = pty.openpty()
     process = subprocess.Popen(
-        [sys.executable, "-m", "albedo.cli", *BIG, "-o", "big.nc"],
-        cwd=tmp_path,
-        env={**ENVIRONMENT, "TERM": "xterm"},
+        [sys.executable, *command],
+        cwd=folder,
+        env={**ENVIRONMENT, "TERM": "xterm", "COLUMNS": "100"},
         stdout=theirs,
         stderr=theirs,
     )
     os.close(theirs)
     said = b""
     try:
-        while b"computing the table" not in said:
+        while not ready(said):
             said += os.read(ours, 4096)
         process.send_signal(signal.SIGINT)
         sent = time.monotonic()
@@ -163,6 +166,13 @@ def test_an_interrupted_progress_bar_leaves_the_terminal_alone(tmp_path: Path) -
         process.kill()
         process.wait()
         os.close(ours)
+    return said
+
+
+def test_an_interrupted_progress_bar_leaves_the_terminal_alone(tmp_path: Path) -> None:
+    """On a terminal a second thread draws the bar: it ends too, and the cursor comes back."""
+    command = ["-m", "albedo.cli", *BIG, "-o", "big.nc"]
+    said = interrupted_on_a_terminal(tmp_path, command, lambda said: b"computing the table" in said)
     assert b"Interrupted" in said
     assert b"Traceback" not in said
     show, hide = b"\x1b[?25h", b"\x1b[?25l"
@@ -249,36 +259,11 @@ PUMP = ("pump", "ward:alpha_x=0.4,alpha_y=0.2", "--theta", "30,60", "--phi", "20
 
 
 def test_an_interrupted_table_of_a_step_is_shown_and_taken_up(tmp_path: Path) -> None:
-    pty = pytest.importorskip("pty")
-    ours, theirs = pty.openpty()
-    process = subprocess.Popen(
-        [sys.executable, "-c", KEPT, *PUMP],
-        cwd=tmp_path,
-        env={**ENVIRONMENT, "TERM": "xterm", "COLUMNS": "100"},
-        stdout=theirs,
-        stderr=theirs,
+    said = interrupted_on_a_terminal(
+        tmp_path,
+        ["-c", KEPT, *PUMP],
+        lambda said: b"albedos of at least" in said and any(tmp_path.glob("tables/*.rows")),
     )
-    os.close(theirs)
-    said = b""
-    try:
-        while not list(tmp_path.glob("tables/*.rows")) or b"albedos of at least" not in said:
-            said += os.read(ours, 4096)
-        process.send_signal(signal.SIGINT)
-        sent = time.monotonic()
-        while True:
-            try:
-                more = os.read(ours, 4096)
-            except OSError:  # the other end is closed
-                break
-            if not more:
-                break
-            said += more
-        assert process.wait(PATIENCE) == 130
-        assert time.monotonic() - sent < SOON
-    finally:
-        process.kill()
-        process.wait()
-        os.close(ours)
     assert b"table 1: " in said
     assert b"Interrupted; files that were not finished were not kept." in said
     assert b"Traceback" not in said

@@ -230,45 +230,37 @@ class Profiles:
         See `albedo.integrators.adaptive.refine` for `lift`.
         """
 
+        numbers = np.array(model.pack(), dtype=np.float64)
+
         def some(which: slice) -> Profiles:
-            return cls._of(model, part, chart, cos_theta[which], rtol, lift)
+            c = cos_theta[which]
+            n = c.size
+            integrand = ModelIntegrand(
+                part.fill, part.packed(np.tile(numbers, (n, 1))), np.full(n, part.scale)
+            )
+            done = refine(
+                *(chart, integrand, c, np.zeros(n), np.tile(part.widths, (n, 1)), True),
+                rtol=rtol,
+                atol=0.0,
+                limit=_LIMIT,
+                judge_series=_judge_series,
+                lift=lift,
+            )
+            cells = done.cells
+            # What directions moved by an ulp change, as a share of what is sent on, and what the
+            # numbers of the part are worth.
+            moved = probe_cells(chart, integrand, done.geometry, cells, n, 1)
+            sent = np.maximum(np.bincount(cells.row, cells.value, n), 1e-300)
+            shift = 4.0 * moved / sent + doubt_of(part, c)
+            rows = done.geometry, done.doubt, shift, np.full(n, lift)
+            return cls.whole(
+                **dict(zip((*_OF_ROWS, *_OF_PANELS), (*rows, *_stacked(cells)), strict=True))
+            )
 
         found, *others = in_batches(some, cos_theta.size, _BATCH)
         for other in others:
             found.extend(other)
         return found
-
-    @classmethod
-    def _of(
-        cls,
-        model: Model,
-        part: Part,
-        chart: RingsChart,
-        cos_theta: np.ndarray,
-        rtol: float,
-        lift: float,
-    ) -> Profiles:
-        """One batch of them."""
-        n = cos_theta.size
-        p = part.packed(np.tile(np.array(model.pack(), dtype=np.float64), (n, 1)))
-        integrand = ModelIntegrand(part.fill, p, np.full(n, part.scale))
-        done = refine(
-            *(chart, integrand, cos_theta, np.zeros(n), np.tile(part.widths, (n, 1)), True),
-            rtol=rtol,
-            atol=0.0,
-            limit=_LIMIT,
-            judge_series=_judge_series,
-            lift=lift,
-        )
-        cells = done.cells
-        # What directions moved by an ulp change, as a share of what is sent on, and what the
-        # numbers of the part are worth.
-        moved = probe_cells(chart, integrand, done.geometry, cells, n, 1)
-        sent = np.maximum(np.bincount(cells.row, cells.value, n), 1e-300)
-        shift = 4.0 * moved / sent + doubt_of(part, cos_theta)
-        rows = done.geometry, done.doubt, shift, np.full(n, lift)
-        named = dict(zip((*_OF_ROWS, *_OF_PANELS), (*rows, *_stacked(cells)), strict=True))
-        return cls.whole(**named)
 
     @classmethod
     def whole(cls, **arrays: np.ndarray) -> Profiles:
