@@ -7,6 +7,7 @@ import pytest
 
 import albedo
 from albedo.brdf import Model
+from albedo.charts.heights import folded
 from albedo.operators.ladder import rings_of
 from albedo.operators.profiles import Profiles, _Store
 
@@ -77,9 +78,11 @@ def test_a_level_is_found_where_its_height_is() -> None:
     pumped = albedo.pump(albedo.model("ward", m=0.4), 1)
     (curve,) = pumped.albedos
     levels = pumped.divisor.last_levels(COSINES)
-    profiles.multiply(curve, COSINES, False, np.empty(0, int))
+    profiles.multiply(curve, COSINES, 0, np.empty(0, int))
     profiles.sums(0, np.log(COSINES))
-    which, place = profiles.kinks(curve, levels, False, np.zeros(COSINES.size))
+    which, place = profiles.kinks(
+        curve, levels, pumped.divisor.last_bends, False, np.zeros(COSINES.size)
+    )
     fresh = profiles.cut(which, place)
     s = profiles.slices
     seen = 0
@@ -91,6 +94,32 @@ def test_a_level_is_found_where_its_height_is() -> None:
             assert np.all(nodes < level) or np.all(nodes > level)
             seen += 1
     assert seen > 4
+
+
+@pytest.mark.parametrize("control", [0, 2])
+@models
+def test_slices_that_only_l_divides_are_divided_as_a_whole(model: Model, control: int) -> None:
+    """Where the albedo of L is the larger one, what slices are worth is not summed up again."""
+    profiles = profiles_of(model)
+    profiles.sums(control, np.log(COSINES))
+    s = profiles.slices
+    nodes = np.repeat(np.arange(s.panel.size), s.order)
+    # Slices of one store lie one after the other, so that their nodes do.
+    np.testing.assert_array_equal(s.first, np.cumsum(s.order) - s.order)
+    known = np.zeros(nodes.size)
+    for curve in albedo.pump(model, 2).albedos:
+        profiles.multiply(curve, COSINES, control, np.empty(0, int))
+        at_l = curve.at(folded(COSINES))[profiles.row[s.panel]]
+        known += np.maximum(curve.at(s.y), at_l[nodes])
+    np.testing.assert_allclose(s.log_product + s.log_scale[nodes], known, rtol=1e-14, atol=1e-14)
+    assert 0 < np.count_nonzero(s.log_scale) < s.panel.size or model.spec == "oren_nayar"
+    value, error, _ = profiles.sums(control, np.log(COSINES))
+    s.stale[:] = True
+    again, slack, _ = profiles.sums(control, np.log(COSINES))
+    # Two scales, each rounded.
+    np.testing.assert_allclose(value, again, rtol=1e-14)
+    # Bounds are of the last coefficients, in which roundings are amplified.
+    assert np.all(np.abs(error - slack) <= 1e-6 * slack + 64.0 * np.finfo(float).eps * value)
 
 
 def test_rows_are_chosen_extended_and_replaced() -> None:

@@ -43,9 +43,8 @@ def fold_vector(x, y, z):
 @kernel
 def fold_elevation(e):
     """The coordinate y of an elevation above the horizon."""
-    c = math.sin(e)
-    if c <= 0.5:
-        return math.log(2.0 * max(c, LOWEST))
+    if e <= math.pi / 6.0:
+        return math.log(2.0 * max(math.sin(e), LOWEST))
     return LAST - (0.5 * math.pi - e)
 
 

@@ -253,8 +253,8 @@ def probe_cells(
 
 
 @kernel
-def judge(along, weights, to_coefficients, spectrum):
-    """Fill the spectrum of a marginal; return its two bounds."""
+def fill_spectrum(along, weights, to_coefficients, spectrum):
+    """Fill the spectrum of a marginal; return what a node hides that is alone, or 0."""
     p = along.size
     for k in range(p):
         spectrum[k] = 0.0
@@ -262,15 +262,20 @@ def judge(along, weights, to_coefficients, spectrum):
     for i in range(p):
         for k in range(p):
             spectrum[k] += along[i] * to_coefficients[i, k]
-    stop, report = bounds_of(spectrum[:p])
     seen = most = 0.0
     for i in range(p):
         part = abs(along[i]) * weights[i]
         seen += part
         most = max(most, part)
-    if most > _LONE * seen:
-        stop, report = max(stop, _HIDDEN * seen), max(report, _HIDDEN * seen)
-    return stop, report
+    return _HIDDEN * seen if most > _LONE * seen else 0.0
+
+
+@kernel
+def judge(along, weights, to_coefficients, spectrum):
+    """Fill the spectrum of a marginal; return its two bounds."""
+    hidden = fill_spectrum(along, weights, to_coefficients, spectrum)
+    stop, report = bounds_of(spectrum[: along.size])
+    return max(stop, hidden), max(report, hidden)
 
 
 @kernel

@@ -107,6 +107,19 @@ def _extrapolate(a, safety, wide, straight, reach, farthest):
 
 
 @kernel
+def stopping_bound(a):
+    """The first of `bounds_of`."""
+    p = a.size
+    if p < 6:
+        # Too short a spectrum to see a rate: everything but the mean may be aliased.
+        total = 0.25 * abs(a[0])
+        for k in range(1, p):
+            total += 6.0 * abs(a[k])
+        return total
+    return _extrapolate(a, *_STOPPING)
+
+
+@kernel
 def bounds_of(a):
     """Bounds on the quadrature error, from the Legendre coefficients of the integrand.
 
@@ -121,13 +134,8 @@ def bounds_of(a):
         Bounds on the error of a[0]: the one to stop on, and the one to report when nothing was
         stopped on it. Never negative.
     """
-    p = a.size
+    p, stop = a.size, stopping_bound(a)
     if p < 6:
-        # Too short a spectrum to see a rate: everything but the mean may be aliased.
-        total = 0.25 * abs(a[0])
-        for k in range(1, p):
-            total += 6.0 * abs(a[k])
-        return total, total
-    stop = _extrapolate(a, *_STOPPING)
+        return stop, stop
     # Six coefficients cannot tell a root at the end from a smooth integrand: no steeper fall.
     return stop, 0.5 * stop if p < _SHORT else min(_extrapolate(a, *_REPORTED), stop)

@@ -28,6 +28,7 @@ from albedo.charts.heights import (
     unfold,
     unfolded,
 )
+from albedo.operators.roots import next_share
 
 TERMS = 18
 """Coefficients of a piece; the last ones are 0 where it has fewer."""
@@ -43,6 +44,8 @@ _FEW_RUNS, _FEW_ROWS = 300, 200
 _SAMPLES = 24
 # Steps of bisection: float64 has no use for more.
 _BISECTIONS = 60
+# How near a place comes to that of a level, as a share of its coordinate.
+_NEAR = 2.0 * np.finfo(np.float64).eps
 # Golden sections in search of two places close together, and how near to 0 it must be for that, as
 # a share of what a function changes by from one sample to the next.
 _SECTIONS, _STEEP, _GOLDEN = 40, 0.5, 0.5 * (math.sqrt(5.0) - 1.0)
@@ -497,14 +500,21 @@ class Divisor:
         return _columns([unfolded(y) for y in found + self._clamped(y_l)], y_l.size)
 
     def last_levels(self, cos_light: np.ndarray) -> np.ndarray:
-        """Coordinates of the levels that the last step adds: (n, k), NaN where fewer."""
+        """Coordinates of the levels that the last step adds: (n, k), NaN where fewer.
+
+        Those that are the same for all light are in `last_bends`.
+        """
         y_l = folded(cos_light)
         found: list[np.ndarray] = []
         if not self.collapsed and self.curves:
             found += self._levels_of(self.curves[-1], y_l)
-            found += [np.full(y_l.size, y) for y in self.curves[-1].bends]
         found += self._clamped(y_l)
         return np.column_stack(found) if found else np.empty((y_l.size, 0))
+
+    @property
+    def last_bends(self) -> np.ndarray:
+        """Coordinates at which the curve of the last step bends, ascending."""
+        return np.empty(0) if self.collapsed or not self.curves else self.curves[-1].bends
 
     @cached_property
     def marks(self) -> tuple[np.ndarray, np.ndarray]:
@@ -757,27 +767,39 @@ def _equal_levels(function: _Step, y_l: np.ndarray) -> list[np.ndarray]:
 
 
 @kernel
+def _level(x_1, x_2, at_1, at_2, goal, floor, pieces):
+    """The place between two others at which a curve, or the larger cosine, has a value."""
+    f_1, f_2 = at_1 - goal, at_2 - goal
+    x_3, f_3 = x_1, f_1
+    for _ in range(_BISECTIONS):
+        near = _NEAR * max(abs(x_1), abs(x_2), 1.0)
+        # Nearer than that a second step would not be one.
+        if abs(x_2 - x_1) <= 2.0 * near:
+            break
+        least = near / abs(x_2 - x_1)
+        x = x_1 + next_share(x_1, x_2, x_3, f_1, f_2, f_3, least) * (x_2 - x_1)
+        value = curve_at(x, pieces, 0)
+        if floor:
+            value = max(value, log_height(x))
+        f = value - goal
+        if (f > 0.0) == (f_1 > 0.0):
+            x_3, f_3 = x_1, f_1
+        else:
+            x_3, f_3, x_2, f_2 = x_2, f_2, x_1, f_1
+        x_1, f_1 = x, f
+    return x_1
+
+
+@kernel
 def _fill_equal(y_l, goal, ends, at_ends, floor, pieces, out):
     """Fill one line for every interval on which a function rises or falls."""
     for i in range(ends.size - 1):
-        rising = at_ends[i + 1] > at_ends[i]
         least, most = min(at_ends[i], at_ends[i + 1]), max(at_ends[i], at_ends[i + 1])
         for r in range(y_l.size):
             low, high = ends[i], ends[i + 1]
             if low <= y_l[r] <= high or not least < goal[r] < most:
                 continue
-            for _ in range(_BISECTIONS):
-                middle = 0.5 * (low + high)
-                if middle in (low, high):
-                    break
-                value = curve_at(middle, pieces, 0)
-                if floor:
-                    value = max(value, log_height(middle))
-                if (value < goal[r]) == rising:
-                    low = middle
-                else:
-                    high = middle
-            out[i, r] = 0.5 * (low + high)
+            out[i, r] = _level(low, high, at_ends[i], at_ends[i + 1], goal[r], floor, pieces)
 
 
 def _sign_changes(function: Callable[[np.ndarray], np.ndarray], y: np.ndarray) -> np.ndarray:

@@ -184,6 +184,15 @@ class _Piece:
         return np.linalg.inv(self.basis[: self.gaps + 1])
 
 
+@dataclass(frozen=True)
+class _Fit:
+    """A curve on a piece: coefficients, a bound on their error, and whether refining is no help."""
+
+    series: np.ndarray
+    bound: float
+    stuck: bool
+
+
 class Ladder:
     """The albedos a_0, a_1, ... of a model and of what pumping-up makes of it.
 
@@ -303,16 +312,14 @@ class Ladder:
         if late:
             # What hides is told by what slices are worth; at a step the one before will do.
             self._multiply(profiles, c, done, fresh)
-        levels = {n: self.divisor(n).last_levels(c) for n in range(done + 1, len(self.curves) + 1)}
-        levels = {n: found for n, found in levels.items() if found.shape[1]}
-        if levels:
+        divisors = [self.divisor(n) for n in range(done + 1, len(self.curves) + 1)]
+        known = [(d.curves[-1], d.last_levels(c), d.last_bends) for d in divisors]
+        known = [levels for levels in known if levels[1].shape[1] or levels[2].size]
+        if known:
             value, _, _ = self._sums(profiles, c)
             least = _HIDDEN * self.rtol * value
             controlled = self.control is not None
-            found = [
-                profiles.kinks(self.curves[n - 1], at, controlled, least)
-                for n, at in levels.items()
-            ]
+            found = [profiles.kinks(*levels, controlled, least) for levels in known]
             which, place = (np.concatenate(numbers) for numbers in zip(*found, strict=True))
             fresh = profiles.cut(which, place)
         if not late:
@@ -322,7 +329,7 @@ class Ladder:
     def _multiply(self, profiles: Profiles, c: np.ndarray, done: int, without: np.ndarray) -> None:
         """Take all steps but so many into the products of all but some slices."""
         for curve in self.curves[done:]:
-            profiles.multiply(curve, c, self.control == "literal", without)
+            profiles.multiply(curve, c, CONTROLS.index(self.control), without)
 
     def _renew(
         self, profiles: Profiles, fresh: np.ndarray, divisor: Divisor, c: np.ndarray
@@ -433,11 +440,11 @@ class Ladder:
             self._met = len(self.curves)
         while True:
             value, own = self._values()
-            fits = [self._fit(piece, np.log(value), own) for piece in self._pieces]
+            fits = self._fits(self._pieces, np.log(value), own)
             poor = [
                 k
-                for k, (_, bound, stuck) in enumerate(fits)
-                if bound > self.rtol and not stuck and self._may_refine(self._pieces[k])
+                for k, fit in enumerate(fits)
+                if fit.bound > self.rtol and not fit.stuck and self._may_refine(self._pieces[k])
             ]
             if not poor or len(self._pieces) + len(poor) > _MOST_PIECES:
                 break
@@ -445,8 +452,8 @@ class Ladder:
         self._thin_out(fits, np.log(value), own)
         curve = LogCurve(
             np.array([piece.low for piece in self._pieces] + [LAST]),
-            np.stack([series for series, _, _ in fits]),
-            np.array([bound for _, bound, _ in fits]),
+            np.stack([fit.series for fit in fits]),
+            np.array([fit.bound for fit in fits]),
             np.array([piece.bent for piece in self._pieces]),
         )
         self._transfer.append(self._shares(curve))
@@ -513,30 +520,34 @@ class Ladder:
         # Within a piece an error may change its sign: no more than doubles what is left of it.
         return 2.0 * worst + self.divisor(steps).left_out
 
-    def _fit(
-        self, piece: _Piece, logs: np.ndarray, own: np.ndarray
-    ) -> tuple[np.ndarray, float, bool]:
-        """Coefficients on a piece, a bound on their error, and whether refining will not help."""
-        rows, terms = self._rows(piece), piece.gaps + 1
-        series = piece.to_series @ logs[rows[:terms]]
-        missed = float(np.abs(piece.basis @ series - logs[rows]).max())
-        noise = float(own[rows].max())
-        bound = TRUST * missed + LEBESGUE * noise
-        whole = np.zeros(TERMS)
-        whole[:terms] = series
-        return whole, bound, missed <= noise
+    def _fits(self, pieces: list[_Piece], logs: np.ndarray, own: np.ndarray) -> list[_Fit]:
+        """Series on pieces, from the logarithms of all rows and their errors."""
+        found: dict[int, _Fit] = {}
+        for gaps in {piece.gaps for piece in pieces}:
+            which = [k for k, piece in enumerate(pieces) if piece.gaps == gaps]
+            rows = np.stack([self._rows(pieces[k]) for k in which])
+            to_series = np.stack([pieces[k].to_series for k in which])
+            basis = np.stack([pieces[k].basis for k in which])
+            known = logs[rows, None]
+            series = np.zeros((len(which), TERMS))
+            series[:, : gaps + 1] = (to_series @ known[:, : gaps + 1])[:, :, 0]
+            missed = np.abs(basis @ series[:, : gaps + 1, None] - known).max((1, 2))
+            noise = own[rows].max(1)
+            bound, stuck = TRUST * missed + LEBESGUE * noise, missed <= noise
+            for k, *fit in zip(which, series, bound.tolist(), stuck.tolist(), strict=True):
+                found[k] = _Fit(*fit)
+        return [found[k] for k in range(len(pieces))]
 
-    def _thin_out(
-        self, fits: list[tuple[np.ndarray, float, bool]], logs: np.ndarray, own: np.ndarray
-    ) -> None:
+    def _thin_out(self, fits: list[_Fit], logs: np.ndarray, own: np.ndarray) -> None:
         """Give pieces half their nodes where these do: later albedos are smoother."""
-        for k, piece in enumerate(self._pieces):
-            while piece.gaps > FEWEST:
-                half = replace(piece, gaps=piece.gaps // 2)
-                fit = self._fit(half, logs, own)
-                if fit[1] > _AMPLE * self.rtol:
-                    break
-                self._pieces[k], fits[k], piece = half, fit, half
+        which = list(range(len(self._pieces)))
+        while which := [k for k in which if self._pieces[k].gaps > FEWEST]:
+            halves = [replace(p, gaps=p.gaps // 2) for p in (self._pieces[k] for k in which)]
+            found = zip(which, halves, self._fits(halves, logs, own), strict=True)
+            ample = [of for of in found if of[2].bound <= _AMPLE * self.rtol]
+            for k, half, fit in ample:
+                self._pieces[k], fits[k] = half, fit
+            which = [k for k, _, _ in ample]
 
     def _may_refine(self, piece: _Piece) -> bool:
         return piece.gaps < MOST or piece.high - piece.low > _SHORTEST

@@ -26,8 +26,14 @@ from albedo.charts._compiled import clustered
 from albedo.charts.heights import LOWEST, elevation_at, fold_elevation, folded, log_height
 from albedo.charts.rings import RingsChart, elevation, stretched
 from albedo.integrators.adaptive import refine
-from albedo.integrators.cells import Cells, ModelIntegrand, judge, probe_cells, rules_by_order
-from albedo.integrators.rules import LADDER, gauss
+from albedo.integrators.cells import (
+    Cells,
+    ModelIntegrand,
+    fill_spectrum,
+    probe_cells,
+    rules_by_order,
+)
+from albedo.integrators.rules import LADDER, gauss, stopping_bound
 from albedo.operators.divisor import LogCurve, curve_at
 
 _TOP = LADDER[-1]
@@ -97,24 +103,29 @@ class Slices:
         The first of its nodes.
     value, error, most : ndarray
         What it was last worth, the bound of its rule, and the largest factor of its nodes.
+    log_scale : ndarray
+        Logarithm of what all of its nodes are divided by, besides their own products.
+    low, high : ndarray
+        Coordinates of n.v at its ends, in ascending order.
     stale : ndarray of bool
-        Whether these three are to be computed again.
+        Whether its value, error and most are to be computed again.
     density, y, log_product : ndarray
-        Of nodes: the integral around the ring, per unit of the rule; coordinate of n.v; logarithm
-        of the product of the divisors of all steps.
+        Of nodes: the integral around the ring, per unit of the rule; coordinate of n.v, which
+        rises or falls along a slice; logarithm of the product of the divisors of all steps.
     """
 
     panel, start, end = _Column("_slices"), _Column("_slices"), _Column("_slices")
     order, first, stale = _Column("_slices"), _Column("_slices"), _Column("_slices")
     value, error, most = _Column("_slices"), _Column("_slices"), _Column("_slices")
+    log_scale, low, high = _Column("_slices"), _Column("_slices"), _Column("_slices")
     density, y, log_product = _Column("_nodes"), _Column("_nodes"), _Column("_nodes")
 
     def __init__(self) -> None:
         whole = dict.fromkeys(("panel", "order", "first"), np.empty(0, int))
-        real = dict.fromkeys(("start", "end", "value", "error", "most"), np.empty(0))
+        names = ("start", "end", "value", "error", "most", "log_scale", "low", "high")
+        real = dict.fromkeys(names, np.empty(0))
         self._slices = _Store({**whole, **real, "stale": np.empty(0, bool)}, 0)
-        names = ("density", "y", "log_product")
-        self._nodes = _Store(dict.fromkeys(names, np.empty(0)), 0)
+        self._nodes = _Store(dict.fromkeys(("density", "y", "log_product"), np.empty(0)), 0)
 
     def put(
         self,
@@ -139,6 +150,7 @@ class Slices:
         new = {"panel": panel, "start": start, "end": end, "order": order, "first": first}
         for name, values in new.items():
             self._slices.arrays[name][where] = values
+        self._slices.arrays["log_scale"][where] = 0.0
         self._slices.arrays["stale"][where] = True
         self._nodes.append(density=np.zeros(int(added.sum())))
         return where
@@ -294,26 +306,28 @@ class Profiles:
         """Say anew what some slices are worth; see `sums`."""
         s = self.slices
         _, weights, matrices = rules_by_order()
-        known = s.panel, s.order, s.first, s.density, s.y, s.log_product
+        known = s.panel, s.order, s.first, s.density, s.y, s.log_product, s.log_scale
         rest = self.row, log_light, control == 2, weights, matrices, s.value, s.error, s.most
         side_by_side(lambda part: _sums(which[part], *known, *rest), which.size, _FEW)
         s.stale[which] = False
 
     def multiply(
-        self, curve: LogCurve, cos_theta: np.ndarray, literal: bool, without: np.ndarray
+        self, curve: LogCurve, cos_theta: np.ndarray, control: int, without: np.ndarray
     ) -> None:
-        """Take one step more into the products of all but some slices."""
+        """Take one step more into the products of all but some slices, which are stale.
+
+        See `divisor.CONTROLS` for `control`.
+        """
         s = self.slices
         light = np.empty((2, cos_theta.size))
         light[0] = np.log(np.maximum(cos_theta, LOWEST))
         light[1] = curve.at(folded(cos_theta))
-        s.stale[:] = True
-        s.stale[without] = False
-        which = np.flatnonzero(s.stale)
-        known = s.panel, s.order, s.first, self.row, s.y, light, literal
-        pieces, product = curve.pieces, s.log_product
-        side_by_side(lambda part: _multiply(which[part], *known, pieces, product), which.size, _FEW)
-        s.stale[:] = True
+        others = np.ones(s.panel.size, bool)
+        others[without] = False
+        which = np.flatnonzero(others)
+        known = s.panel, s.order, s.first, self.row, s.y, light, control, curve.turns, curve.pieces
+        rest = s.log_product, s.log_scale, s.value, s.error, s.most, s.stale
+        side_by_side(lambda part: _multiply(which[part], *known, *rest), which.size, _FEW)
 
     def sent(
         self, control: int, log_light: np.ndarray, rows: np.ndarray, edges: np.ndarray
@@ -340,14 +354,19 @@ class Profiles:
         y, share, lowest = np.empty(room), np.empty(room), np.empty(room)
         total = np.zeros(rows.size)
         count = _gather(
-            *(slices, own, s.order, s.first, s.y, s.density, s.log_product),
+            *(slices, own, s.order, s.first, s.y, s.density, s.log_product, s.log_scale),
             *(log_light, control, edges, rules_by_order()[1], row, piece, y, share, lowest, total),
         )
         filled = slice(count)
         return Runs(row[filled], piece[filled], y[filled], share[filled], lowest[filled], total)
 
     def kinks(
-        self, curve: LogCurve, levels: np.ndarray, controlled: bool, least: np.ndarray
+        self,
+        curve: LogCurve,
+        levels: np.ndarray,
+        bends: np.ndarray,
+        controlled: bool,
+        least: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Slices, and places on their panels, where a kink hides more than `least` of a row.
 
@@ -360,20 +379,22 @@ class Profiles:
             What the last step divides by.
         levels : ndarray, shape (n, k)
             Coordinates of heights, NaN where there are fewer.
+        bends : ndarray
+            Those of all rows, ascending.
         controlled : bool
             The heights themselves are divided by, too.
         least : ndarray, shape (n,)
         """
         s = self.slices
-        slices = s.panel, s.start, s.end, s.value
+        slices = s.panel, s.start, s.end, s.value, s.low, s.high
         panels = self.row, self.code, self.box, self.geometry
         pieces, spread = curve.pieces, curve.spread
 
         def find(part: slice) -> tuple[np.ndarray, np.ndarray]:
             own = [array[part] for array in slices]
-            room = max(own[0].size * levels.shape[1], 1)
+            room = max(own[0].size * (levels.shape[1] + bends.size), 1)
             which, place = np.empty(room, int), np.empty(room)
-            known = levels, least, controlled, pieces, spread
+            known = levels, bends, least, controlled, pieces, spread
             count = _find_kinks(*own, *panels, *known, which, place)
             return which[:count] + part.start, place[:count]
 
@@ -426,7 +447,7 @@ class Profiles:
         fresh = s.put(gone, *parts)
         slices = s.panel, s.start, s.end, s.order, s.first
         panels = self.row, self.code, self.box, self.order, self.series, self.geometry
-        nodes = rules_by_order()[0], s.density, s.y
+        nodes = rules_by_order()[0], s.density, s.y, s.low, s.high
         side_by_side(lambda part: _lay_out(fresh[part], *slices, *panels, *nodes), fresh.size, _FEW)
         return fresh
 
@@ -635,22 +656,32 @@ def _lay_out(
     nodes,
     density,
     y,
+    low,
+    high,
 ):
-    """Fill the nodes of slices: integrals around rings by Clenshaw's sum, and heights."""
+    """Fill the nodes of slices, integrals around rings by Clenshaw's sum and heights, and ends."""
+    u, last, before = np.empty(_TOP), np.empty(_TOP), np.empty(_TOP)
     for k in fresh:
-        i = panel[k]
-        g = geometry[row[i]]
+        i, q = panel[k], order[k]
+        g, side, power = geometry[row[i]], code[i, 0], code[i, 3]
         size = end[k] - start[k]
-        for j in range(order[k]):
-            t = start[k] + size * nodes[order[k], j]
-            u = 2.0 * t - 1.0
-            last = before = 0.0
-            for m in range(length[i] - 1, 0, -1):
-                rise = _RISE[m] * u * last - _FALL[m] * before
-                last, before = series[i, m] + rise, last
-            density[first[k] + j] = size * (series[i, 0] + u * last - 0.5 * before)
-            e_v = _height(g, code[i, 0], code[i, 3], box[i], t)
-            y[first[k] + j] = fold_elevation(e_v)
+        for j in range(q):
+            t = start[k] + size * nodes[q, j]
+            y[first[k] + j] = fold_elevation(_height(g, side, power, box[i], t))
+            u[j] = 2.0 * t - 1.0
+            last[j] = before[j] = 0.0
+        # Nodes inside: what is done for all of them at once does not wait for the term before.
+        for m in range(length[i] - 1, 0, -1):
+            term, rise, fall = series[i, m], _RISE[m], _FALL[m]
+            for j in range(q):
+                here = term + (rise * u[j] * last[j] - fall * before[j])
+                before[j] = last[j]
+                last[j] = here
+        for j in range(q):
+            density[first[k] + j] = size * (series[i, 0] + u[j] * last[j] - 0.5 * before[j])
+        y_0 = fold_elevation(_height(g, side, power, box[i], start[k]))
+        y_1 = fold_elevation(_height(g, side, power, box[i], end[k]))
+        low[k], high[k] = min(y_0, y_1), max(y_0, y_1)
 
 
 @kernel
@@ -662,6 +693,7 @@ def _sums(
     density,
     y,
     log_product,
+    log_scale,
     row,
     log_light,
     clamped,
@@ -677,13 +709,15 @@ def _sums(
         q = order[k]
         most[k] = 0.0
         for j in range(q):
-            product = log_product[first[k] + j]
+            product = log_product[first[k] + j] + log_scale[k]
             if clamped:
                 product = max(product, log_height(y[first[k] + j]), log_light[row[panel[k]]])
             scale = math.exp(-product)
             along[j] = density[first[k] + j] * scale
             most[k] = max(most[k], scale)
-        error[k], _ = judge(along[:q], weights[q, :q], matrices[q, : q * q].reshape(q, q), spectrum)
+        matrix = matrices[q, : q * q].reshape(q, q)
+        hidden = fill_spectrum(along[:q], weights[q, :q], matrix, spectrum)
+        error[k] = max(stopping_bound(spectrum[:q]), hidden)
         value[k] = spectrum[0]
 
 
@@ -713,6 +747,7 @@ def _gather(
     y,
     density,
     log_product,
+    log_scale,
     log_light,
     control,
     edges,
@@ -732,8 +767,10 @@ def _gather(
         for j in range(q):
             i = first[k] + j
             floor = max(log_height(y[i]), log_light[r]) if control != 0 else -math.inf
-            free = control != 2 or log_product[i] >= floor
-            product = log_product[i] if free else floor
+            product = log_product[i] + log_scale[k]
+            free = control != 2 or product >= floor
+            if not free:
+                product = floor
             light = density[i] * math.exp(-product) * weights[q, j]
             total[r] += light
             if at < 0 or not edges[at] <= y[i] < edges[at + 1]:
@@ -749,14 +786,52 @@ def _gather(
 
 
 @kernel
-def _multiply(slices, panel, order, first, row, y, light, literal, pieces, log_product):
-    """Add the log of what a step divides by at the nodes of some slices."""
+def _multiply(
+    slices,
+    panel,
+    order,
+    first,
+    row,
+    y,
+    light,
+    control,
+    turns,
+    pieces,
+    log_product,
+    log_scale,
+    value,
+    error,
+    most,
+    stale,
+):
+    """Add the log of what a step divides by at the nodes of some slices.
+
+    Where L has the larger albedo, it is the same for all of them.
+    """
     for k in slices:
         r = row[panel[k]]
         at_l = light[1, r]
-        for j in range(first[k], first[k] + order[k]):
+        begin, end = first[k], first[k] + order[k]
+        if control != 1:
+            low, high = min(y[begin], y[end - 1]), max(y[begin], y[end - 1])
+            turn = 1
+            while turn < turns.size - 1 and turns[turn] <= low:
+                turn += 1
+            one_way = turn == turns.size - 1 or turns[turn] >= high
+            if one_way and max(curve_at(low, pieces, 0), curve_at(high, pieces, 0)) <= at_l:
+                log_scale[k] += at_l
+                if control == 2:
+                    stale[k] = True
+                else:
+                    scale = math.exp(-at_l)
+                    value[k] *= scale
+                    error[k] *= scale
+                    most[k] *= scale
+                continue
+        stale[k] = True
+        for j in range(begin, end):
             step = max(curve_at(y[j], pieces, 0), at_l)
-            if literal:
+            if control == 1:
                 step = max(step, log_height(y[j]), light[0, r])
             log_product[j] += step
 
@@ -767,11 +842,14 @@ def _find_kinks(
     start,
     end,
     value,
+    low,
+    high,
     row,
     code,
     box,
     geometry,
     levels,
+    bends,
     least,
     controlled,
     pieces,
@@ -783,37 +861,36 @@ def _find_kinks(
     count = 0
     # More than the whole curve cannot hide.
     reach = math.inf if controlled else spread
-    change, e_end = np.empty(2), np.empty(2)
+    change, y_end = np.empty(2), np.empty(2)
     for k in range(panel.size):
         i = panel[k]
         r = row[i]
         if value[k] * reach < least[r]:
             continue
-        g, side, power = geometry[r], code[i, 0], code[i, 3]
-        e_end[0] = _height(g, side, power, box[i], start[k])
-        e_end[1] = _height(g, side, power, box[i], end[k])
-        # Coordinates grow with the height, and are compared without another function.
-        y_0, y_1 = fold_elevation(e_end[0]), fold_elevation(e_end[1])
-        for m in range(levels.shape[1]):
-            level = levels[r, m]
+        own = levels.shape[1]
+        after = np.searchsorted(bends, low[k], side="right")
+        for m in range(own + bends.size - after):
+            level = levels[r, m] if m < own else bends[after + m - own]
+            if m >= own and level >= high[k]:
+                break
             # Not where there is no level.
-            if not (level - y_0) * (level - y_1) < 0.0:
+            if not low[k] < level < high[k]:
                 continue
-            e_v = elevation_at(level)
+            y_end[0], y_end[1] = low[k], high[k]
             here = curve_at(level, pieces, 0)
             # Of the two sides of a maximum one may be constant: what changes is the other one.
             for side_of in range(2):
                 change[side_of] = 0.0
                 for half in range(2):
-                    e = e_v + (0.5 + 0.5 * half) * (e_end[side_of] - e_v)
-                    y = fold_elevation(e)
+                    y = level + (0.5 + 0.5 * half) * (y_end[side_of] - level)
                     moved = abs(curve_at(y, pieces, 0) - here)
                     if controlled:
                         moved += abs(log_height(y) - log_height(level))
                     change[side_of] = max(change[side_of], moved)
             if value[k] * min(change[0], change[1]) > least[r]:
                 which[count] = k
-                place[count] = _place(g, side, power, box[i], e_v)
+                e_v = elevation_at(level)
+                place[count] = _place(geometry[r], code[i, 0], code[i, 3], box[i], e_v)
                 if start[k] < place[count] < end[k]:
                     count += 1
     return count

@@ -20,6 +20,7 @@ from albedo.charts._compiled import CompiledChart, clustered
 from albedo.charts.heights import LOWEST, unfold
 from albedo.integrators.cells import NODES_TYPES
 from albedo.operators.maps import BENT_TERMS, Maps, albedos_at, changes_at
+from albedo.operators.roots import next_share
 
 _lay_out = indirect(NODES_TYPES)
 
@@ -353,19 +354,12 @@ def _root(x_1, x_2, x_3, f_1, f_2, f_3, j, base, g, code, box, u, known, control
 
     The third is on the side of the first, or the same.
     """
-    # Chandrupatla's method: inverse quadratic steps where they are safe, else bisection.
     best = x_1 if abs(f_1) < abs(f_2) else x_2
     for _ in range(_ROOT_STEPS):
         least = _CLOSE / max(abs(x_2 - x_1), 1e-300)
         if least > 0.5:
             break
-        gap, rise, share = (x_1 - x_2) / (x_3 - x_2), (f_1 - f_2) / (f_3 - f_2), 0.5
-        if gap < 1.0 and rise * rise < gap and (1.0 - rise) * (1.0 - rise) < 1.0 - gap:
-            share = f_1 / (f_2 - f_1) * f_3 / (f_2 - f_3) + (x_3 - x_1) / (x_2 - x_1) * f_1 / (
-                f_3 - f_1
-            ) * f_2 / (f_3 - f_2)
-        share = min(max(share, least), 1.0 - least)
-        x = x_1 + share * (x_2 - x_1)
+        x = x_1 + next_share(x_1, x_2, x_3, f_1, f_2, f_3, least) * (x_2 - x_1)
         _at(base, g, code, box, u, x, known, control, at_l, one, here)
         fx = here[j]
         if (fx > 0.0) == (f_1 > 0.0):
