@@ -29,11 +29,11 @@ _EPS = np.finfo(np.float64).eps
 _ROUNDINGS = 8.0
 # A family is made of 25 rows where so many are asked for. They are better than what is asked for
 # by the second factor, since their errors are amplified, and by the first at least.
-_WORTH, _BETTER = 40, (4.0, 16.0)
+_WORTH, _BETTER = 30, (4.0, 16.0)
 # What lies nearer to where panels change, in y, is in no stretch.
 _MARGIN = 1e-6
 # Stretches are cut to this at first; towards the horizon, to this times 1 - y.
-_LONGEST, _GRAZING = 0.1, 0.35
+_LONGEST, _GRAZING = 0.15, 0.5
 # Where panels change is looked for on so many incidences.
 _SCAN = 700
 
