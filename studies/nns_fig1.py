@@ -14,6 +14,7 @@ import pandas as pd
 
 import albedo
 from albedo import plotting
+from albedo.analysis.grazing import first_above_one
 from albedo.estimate import Estimate, format_value
 from albedo.grammar import parse
 from albedo.studies import Study
@@ -62,7 +63,8 @@ def run(context: Context) -> None:
     ):
         context.table(name, as_frame(cos_theta, curves), caption)
 
-    crossing = first_above_one("ward:m=0.1", grazing["ward"], plotting.grazing_grid(smallest))
+    ward = parse("ward:m=0.1").model()
+    crossing = first_above_one(ward, plotting.grazing_grid(smallest), grazing["ward"])
     for sentence in sentences(summary, crossing):
         context.note(sentence)
     draw(context, angles, grazing, smallest, crossing)
@@ -142,30 +144,6 @@ def relative_minimum(estimate: Estimate) -> tuple[float, float]:
     first, first_error = float(estimate.value[0]), float(estimate.error[0])
     ratio = value / first
     return ratio, (error + ratio * first_error) / (first - first_error)
-
-
-def first_above_one(
-    spec: str, estimate: Estimate, cos_theta: np.ndarray
-) -> tuple[float, float] | None:
-    """Cosine at which the albedo first passes one towards grazing, and half the bracket's width.
-
-    The bracket is halved as long as the error bounds tell the two sides apart.
-    """
-    surely = np.flatnonzero(estimate.value - estimate.error > 1.0)
-    if surely.size == 0:
-        return None
-    model = parse(spec).model()
-    above, below = float(cos_theta[surely[0]]), float(cos_theta[surely[0] - 1])
-    while below / above - 1.0 > 1e-9:
-        middle = np.sqrt(above * below)
-        there = albedo.directional_albedo(model, middle, rtol=1e-11)
-        if there.value - there.error > 1.0:
-            above = float(middle)
-        elif there.value + there.error < 1.0:
-            below = float(middle)
-        else:
-            break
-    return (above + below) / 2.0, (below - above) / 2.0
 
 
 def sentences(summary: pd.DataFrame, crossing: tuple[float, float] | None) -> list[str]:

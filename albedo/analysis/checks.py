@@ -343,8 +343,15 @@ def finite_draws(model: Model) -> Draw:
     return draw
 
 
-def reciprocity(model: Model, seed: int = 0, count: int = 20_000) -> Check:
-    """The largest |f(l, v) - f(v, l)| over the larger of them, where that is not negligible."""
+def asymmetry(model: Model, seed: int = 0, count: int = 20_000) -> float:
+    """The largest |f(l, v) - f(v, l)| over the larger of them, where that is not negligible.
+
+    Parameters
+    ----------
+    model : Model
+    seed, count : int
+        So many random pairs of directions, some of them drawn by the model's own sampling.
+    """
     rng = np.random.default_rng(seed)
     light = spherical(np.sqrt(rng.random(count)), 2.0 * math.pi * rng.random(count))
     own = model.sample(rng.random((count, 2)), light)
@@ -355,7 +362,12 @@ def reciprocity(model: Model, seed: int = 0, count: int = 20_000) -> Check:
     there, back = model.eval(light, view), model.eval(view, light)
     larger = np.maximum(there, back)
     keep = larger > 1e-6 * larger.max(initial=0.0)
-    worst = float(np.max(np.abs(there - back)[keep] / larger[keep], initial=0.0))
+    return float(np.max(np.abs(there - back)[keep] / larger[keep], initial=0.0))
+
+
+def reciprocity(model: Model, seed: int = 0, count: int = 20_000) -> Check:
+    """Whether f(l, v) and f(v, l) are the same; see `asymmetry`."""
+    worst = asymmetry(model, seed, count)
     said = f"f(l, v) and f(v, l) differ by at most {worst:.2g} of the larger"
     # Half vectors from raw directions lose digits; see `albedo.directions.half_vector`.
     return Check("reciprocity", worst <= 1e-6 if model.reciprocal else None, said)
