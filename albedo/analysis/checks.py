@@ -535,10 +535,7 @@ def check_function(
         When there is no such file or function, the file cannot be run, or it has only one of the
         two functions of a sampling routine.
     """
-    from albedo.user import model_from
-
-    module, path, name = _load(text)
-    model = model_from(_function(module, path, name), name=name, **hints)
+    module, path, name, model = _model_in(text, hints)
     checks = check(model, level, seed)
     own = [hasattr(module, name + suffix) for suffix in ("_sample", "_pdf")]
     if not any(own):
@@ -553,6 +550,25 @@ def check_function(
         )
         checks.append(Check(f"{name}_sample at cos theta = {mu:g}", result.passed, str(result)))
     return checks
+
+
+def model_in_file(text: str, **hints: Any) -> Model:
+    """The model of a function in a file, ``path/to/file.py:name``, as `albedo.model_from` makes it.
+
+    Raises
+    ------
+    InputError
+        When there is no such file or function, or the file cannot be run.
+    """
+    return _model_in(text, hints)[-1]
+
+
+def _model_in(text: str, hints: dict[str, Any]) -> tuple[Any, Path, str, Model]:
+    """The module of a function, its path, the function's name, and its model."""
+    from albedo.user import model_from
+
+    module, path, name = _load(text)
+    return module, path, name, model_from(_function(module, path, name), name=name, **hints)
 
 
 def _load(text: str) -> tuple[Any, Path, str]:

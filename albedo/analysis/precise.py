@@ -1,0 +1,254 @@
+"""BRDFs in other arithmetic: the formulas as they stand, in 50 digits or in float32.
+
+A kernel is a function of plain arithmetic and of `math`, whose source can be run with other
+numbers: the same operations in the same order, with numbers of mpmath, which tells how many digits
+float64 loses, or with float32, which rounds every operation as a graphics card does. What is in
+float64 once and for all, the packed parameters and the constants in the source, stays what it is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from types import FunctionType, SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from albedo._compile import is_kernel
+from albedo.brdf import Model, Part
+from albedo.errors import InputError
+
+DIGITS = 50
+"""Digits of the precise arithmetic."""
+
+
+@dataclass(frozen=True, eq=False)
+class Arithmetic:
+    """Numbers, and functions of them.
+
+    Attributes
+    ----------
+    name : str
+    number : callable
+        Makes a number from a float.
+    dtype : type
+        Of arrays of numbers.
+    functions : mapping of str to callable or number
+        What `math` has, by its names there.
+    """
+
+    name: str
+    number: Callable[[Any], Any]
+    dtype: type
+    functions: Mapping[str, Any]
+
+    def array(self, values: Any) -> np.ndarray:
+        """An array of numbers of the same shape."""
+        given = np.asarray(values)
+        if self.dtype is not object:
+            return given.astype(self.dtype)
+        found = np.empty(given.shape, object)
+        for place, value in np.ndenumerate(given):
+            found[place] = self.number(value)
+        return found
+
+
+@cache
+def single() -> Arithmetic:
+    """IEEE single precision, every operation rounded."""
+    from scipy.special import erfc
+
+    def of(function: Any) -> Callable[..., Any]:
+        return lambda *args: function(*(np.float32(arg) for arg in args))
+
+    names = [
+        "exp",
+        "log",
+        "sqrt",
+        "sin",
+        "cos",
+        "tan",
+        "sinh",
+        "cosh",
+        "tanh",
+        "log1p",
+        "expm1",
+        "hypot",
+        "floor",
+        "isfinite",
+        "isnan",
+    ]
+    functions: dict[str, Any] = {name: of(getattr(np, name)) for name in names}
+    others = {"asin": "arcsin", "acos": "arccos", "atan": "arctan", "atan2": "arctan2"}
+    functions |= {name: of(getattr(np, other)) for name, other in others.items()}
+    functions |= {
+        "erfc": of(erfc),
+        "fabs": abs,
+        "pi": np.float32(math.pi),
+        "inf": np.float32(np.inf),
+    }
+    return Arithmetic("float32", np.float32, np.float32, functions)
+
+
+@cache
+def precise() -> Arithmetic:
+    """Fifty digits.
+
+    Raises
+    ------
+    InputError
+        Where mpmath is not installed.
+    """
+    try:
+        import mpmath
+    except ImportError:
+        raise InputError(
+            "more digits than float64 has need mpmath; install albedo-workbench[stability]"
+        ) from None
+    # A context of its own: its precision is nobody else's.
+    context = mpmath.MPContext()
+    context.dps = DIGITS
+    names = [
+        "exp",
+        "log",
+        "sqrt",
+        "sin",
+        "cos",
+        "tan",
+        "sinh",
+        "cosh",
+        "tanh",
+        "asin",
+        "acos",
+        "atan",
+        "atan2",
+        "log1p",
+        "expm1",
+        "hypot",
+    ]
+    functions: dict[str, Any] = {name: getattr(context, name) for name in names}
+    functions |= {name: getattr(context, name) for name in ("erfc", "floor", "isfinite", "isnan")}
+    functions |= {"fabs": abs, "pi": +context.pi, "inf": context.inf}
+    # numpy's functions of arrays of objects are the methods of these.
+    methods = {**{k: functions[k] for k in names}, "rint": context.nint, "floor": context.floor}
+    methods |= {"arc" + k[1:]: functions[k] for k in ("asin", "acos", "atan", "atan2")}
+    for name, function in methods.items():
+        setattr(context.mpf, name, function)
+    return Arithmetic("50 digits", context.mpf, object, functions)
+
+
+def rebuilt(kernel: Any, arithmetic: Arithmetic) -> Callable[..., Any]:
+    """A kernel, and all kernels that it calls, in another arithmetic.
+
+    Parameters
+    ----------
+    kernel : callable
+        A kernel of `albedo._compile`.
+    arithmetic : Arithmetic
+
+    Returns
+    -------
+    callable
+        A function of arrays of such numbers.
+
+    Raises
+    ------
+    InputError
+        For what is no kernel of plain arithmetic.
+    """
+    return _rebuilt(kernel, arithmetic)
+
+
+@cache
+def _rebuilt(kernel: Any, arithmetic: Arithmetic) -> Callable[..., Any]:
+    source = kernel.py_func
+    names: dict[str, Any] = {"__builtins__": __builtins__}
+    for name in source.__code__.co_names:
+        if name in source.__globals__:
+            names[name] = _translated(source.__globals__[name], arithmetic)
+    if source.__closure__:
+        raise InputError(f"the kernel {source.__qualname__} holds values of its own")
+    return FunctionType(source.__code__, names, source.__name__, source.__defaults__)
+
+
+def _translated(value: Any, arithmetic: Arithmetic) -> Any:
+    """A global of a kernel in another arithmetic."""
+    if is_kernel(value):
+        return _rebuilt(value, arithmetic)
+    if value is math:
+        return SimpleNamespace(**arithmetic.functions)
+    if isinstance(value, np.ndarray) and value.dtype == np.float64:
+        return arithmetic.array(value)
+    # numpy's scalars would draw float32 up; floats of Python are of whatever they meet.
+    return float(value) if isinstance(value, np.float64) else value
+
+
+def evaluate(
+    model: Model, arithmetic: Arithmetic, wi: np.ndarray, wo: np.ndarray, h: np.ndarray
+) -> np.ndarray:
+    """The finite part of a BRDF in another arithmetic.
+
+    Parameters
+    ----------
+    model : Model
+        With one channel, and parts that are kernels, or a function of one's own.
+    arithmetic : Arithmetic
+    wi, wo, h : ndarray, shape (n, 3)
+        Directions to the light and to the viewer, both above the horizon, and their sums, in
+        numbers of that arithmetic.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Values in 1/sr; NaN where a number is divided by zero.
+
+    Raises
+    ------
+    InputError
+        For a model with something else than kernels of plain arithmetic.
+    """
+    if function := vars(model).get("function"):
+        return _of_function(model, function, wi, wo, arithmetic)
+    packed = np.array([model.pack()], dtype=np.float64)
+    found: np.ndarray = np.full(len(wi), arithmetic.number(0.0), dtype=arithmetic.dtype)
+    for part in model.parts():
+        fill = _fill(model, part, arithmetic)
+        p = arithmetic.array(part.packed(packed))
+        scale = arithmetic.number(part.scale)
+        for k in range(len(wi)):
+            out: np.ndarray = np.empty((1, 1), arithmetic.dtype)
+            known = wi[k].reshape(3, 1), wo[k].reshape(3, 1, 1), h[k].reshape(3, 1, 1)
+            try:
+                with np.errstate(all="ignore"):
+                    fill(*known, p, out)
+                    found[k] = found[k] + scale * out[0, 0]
+            except ZeroDivisionError:
+                found[k] = arithmetic.number(math.nan)
+    return found
+
+
+def _fill(model: Model, part: Part, arithmetic: Arithmetic) -> Callable[..., Any]:
+    """The kernel of a part in another arithmetic."""
+    if not is_kernel(part.fill):
+        raise InputError(
+            f"the {part.name} part of {model.spec} is no kernel of plain arithmetic: its values "
+            f"cannot be had in {arithmetic.name}"
+        )
+    return rebuilt(part.fill, arithmetic)
+
+
+def _of_function(
+    model: Model, function: Any, wi: np.ndarray, wo: np.ndarray, arithmetic: Arithmetic
+) -> np.ndarray:
+    """A function of one's own, which numpy's functions are in."""
+    try:
+        with np.errstate(all="ignore"):
+            found = np.asarray(function(wi, wo))
+    except (TypeError, AttributeError) as error:
+        raise InputError(
+            f"{model.name}: f(wi, wo) cannot be had in {arithmetic.name}: {error}"
+        ) from None
+    return found.astype(arithmetic.dtype)
