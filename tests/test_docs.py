@@ -36,6 +36,7 @@ CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 PUMPING = (ROOT / "docs" / "pumping.md").read_text(encoding="utf-8")
 COUPLING = (ROOT / "docs" / "coupling.md").read_text(encoding="utf-8")
 RADIANCE = (ROOT / "docs" / "radiance.md").read_text(encoding="utf-8")
+GRAZING = (ROOT / "docs" / "grazing.md").read_text(encoding="utf-8")
 
 _NUMBER = re.compile(r"(-?\d+(?:\.\d+)?)\((\d+)\)(?:e([+-]?\d+))?")
 
@@ -85,7 +86,7 @@ class Intervals(doctest.OutputChecker):
 
 @pytest.mark.parametrize(
     "text",
-    [README, CONTRIBUTING, PUMPING, COUPLING, RADIANCE],
+    [README, CONTRIBUTING, PUMPING, COUPLING, RADIANCE, GRAZING],
     ids=["readme", "contributing", "pumping", "coupling", "radiance"],
 )
 def test_python_snippets_print_what_is_shown(text: str) -> None:

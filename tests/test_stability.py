@@ -163,6 +163,12 @@ def test_what_is_not_finite_is_counted() -> None:
     # At 0.7 + 0.7 - 1.4 + 1e-20 both are 1e20; elsewhere 1e-20 is lost, which costs nothing.
     assert row["float64"] > 15.0
     assert stability.not_finite(frame) == {}
+    # r = 1e-20 vanishes beside 1, in 1 + r t^2 - t^2 of Schlick's lobe at t = 1.
+    steep = albedo.model_from(lambda wi, wo: 1e-20 / (1.0 + 1e-20 * wo[..., 2] - wo[..., 2]) ** 2)
+    frame = stability.measure([({}, steep)], cosines=(0.7,))
+    # Once for each azimuth.
+    assert stability.not_finite(frame) == {"float64": 3, "raw": 3, "float32": 3}
+    assert frame[frame["place"] == "normal"].iloc[0]["raw"] == 0.0
 
 
 def test_functions_that_object_arrays_lack_are_refused() -> None:
@@ -180,6 +186,11 @@ def test_what_is_no_kernel_of_plain_arithmetic_is_refused(spec: str) -> None:
     assert not plain(model)
     with pytest.raises(InputError, match="plain arithmetic"):
         stability.measure([({}, model)], cosines=(0.5,))
+
+
+def test_what_is_all_dirac_parts_is_refused() -> None:
+    with pytest.raises(InputError, match="Dirac"):
+        stability.measure([({}, albedo.model("stam_grating"))], cosines=(0.5,))
 
 
 def test_pumped_models_are_refused() -> None:

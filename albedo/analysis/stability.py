@@ -24,6 +24,7 @@ import numpy as np
 
 from albedo.analysis.precise import Arithmetic, evaluate, precise, single
 from albedo.brdf import Model
+from albedo.errors import InputError
 from albedo.grammar import ModelSpec, format_spec, parse_model
 
 if TYPE_CHECKING:
@@ -106,7 +107,13 @@ def _exact_places(
 
 
 def _compiled(model: Model, wi: np.ndarray, wo: np.ndarray, h: np.ndarray) -> np.ndarray:
-    """Values of the kernels in float64 for directions whose sum is known."""
+    """Values of the kernels in float64 for directions whose sum is known.
+
+    A function of one's own forms what it wants, and may be infinite here.
+    """
+    if function := vars(model).get("function"):
+        with np.errstate(all="ignore"):
+            return np.asarray(function(wi, wo), dtype=np.float64)
     count = len(wi)
     total = np.zeros(count)
     known = [np.ascontiguousarray(v.T) for v in (wi, wo, h)]
@@ -116,6 +123,12 @@ def _compiled(model: Model, wi: np.ndarray, wo: np.ndarray, h: np.ndarray) -> np
         part.fill(known[0], known[1][:, :, None], known[2][:, :, None], part.packed(p), out)
         total += part.scale * out[:, 0]
     return total
+
+
+def _raw(model: Model, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+    """Values in float64 for directions alone."""
+    own = "function" in vars(model)
+    return _compiled(model, wi, wo, wi + wo) if own else model.eval(wi, wo)
 
 
 def digits(value: np.ndarray, exact: np.ndarray, way: str) -> np.ndarray:
@@ -232,7 +245,8 @@ def measure(
     Raises
     ------
     InputError
-        Where mpmath is missing, and for models that are no kernels of plain arithmetic.
+        Where mpmath is missing, for models that are no kernels of plain arithmetic, and for those
+        that are all Dirac parts.
     """
     import pandas as pd
 
@@ -242,6 +256,8 @@ def measure(
     for done, (names, model) in enumerate(models):
         if progress is not None:
             progress(done, len(models))
+        if not model.parts():
+            raise InputError(f"{model.spec} is all Dirac parts: no value of it has digits to count")
         wx, wy = (min(w, 1.0) for w in model.parts()[0].widths)
         # Anisotropic lobes are looked at beside their axes too.
         turns = (0.0,) if model.isotropic else (0.0, 0.6, 0.5 * math.pi)
@@ -277,7 +293,7 @@ def _ways(model: Model, geometry: _Geometry, short: Arithmetic) -> dict[str, np.
     in_short = evaluate(model, short, wi, wo, h)
     ways = {
         "float64": (_compiled(model, *plain), true),
-        "raw": (model.eval(plain[0], plain[1]), at_rounded),
+        "raw": (_raw(model, plain[0], plain[1]), at_rounded),
         "float32": (in_short.astype(np.float64), true),
     }
     found = {way: digits(*values, way) for way, values in ways.items()}

@@ -1,0 +1,281 @@
+"""How many digits of a BRDF are right at its extremes, and what do formulas as printed lose?
+
+Every model is evaluated over its domain of roughness or exponent, from normal incidence to
+cos = 1e-12 and at special directions, in float64, from raw directions and in float32, and compared
+with the same formula in 50 digits. Lobes as the papers print them, in cosines, stand beside those
+in slopes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+import albedo
+from albedo import plotting
+from albedo.analysis import stability
+from albedo.analysis.precise import evaluate, precise
+from albedo.errors import InputError
+from albedo.estimate import format_value
+from albedo.grammar import parse
+from albedo.studies import Study
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from albedo.studies import Context
+
+STUDY = Study(
+    name="stability",
+    title="Digits that are right at the extremes",
+    paper="Schwenk, A Survey of Shading Models for Real-time Rendering",
+    claims=("S13", "S17"),
+)
+
+SUFFERS = 2.0
+"""A formula that loses more decimal digits than this suffers numerically."""
+
+WIDTHS = (0.1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8)
+SLOW = ("he_torrance", "stam_gaussian")
+"""Models that add up series, which takes minutes in 50 digits: only at full fidelity."""
+
+LABELS = {
+    "float64": "float64, half vector known",
+    "raw": "float64, raw directions",
+    "float32": "float32",
+}
+
+
+def n_dot_h(wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+    h = wi + wo
+    return h[..., 2] / np.sqrt((h * h).sum(-1))
+
+
+def ward_printed(wi: np.ndarray, wo: np.ndarray, m: float) -> np.ndarray:
+    """exp(-tan^2/m^2)/(4 pi m^2 sqrt(n.l n.v)), tan^2 = 1/(n.h)^2 - 1."""
+    c = n_dot_h(wi, wo)
+    root = np.sqrt(wi[..., 2] * wo[..., 2])
+    return np.exp(-(1.0 / (c * c) - 1.0) / (m * m)) / (4.0 * math.pi * m * m * root)
+
+
+def schlick_printed(wi: np.ndarray, wo: np.ndarray, m: float) -> np.ndarray:
+    """Z = r/(1 + r t^2 - t^2)^2, t = n.h (Schwenk eq. 50), r = m^2."""
+    t, r = n_dot_h(wi, wo), m * m
+    z = r / (1.0 + r * t * t - t * t) ** 2
+    return z / (4.0 * math.pi * wi[..., 2] * wo[..., 2])
+
+
+def phong_printed(wi: np.ndarray, wo: np.ndarray, m: float) -> np.ndarray:
+    """(n + 2)/(2 pi) (r.v)^n, r.v = 2 (n.l)(n.v) - l.v, n = 2/m^2."""
+    n = 2.0 / (m * m)
+    r_v = 2.0 * wi[..., 2] * wo[..., 2] - (wi * wo).sum(-1)
+    return (n + 2.0) / (2.0 * math.pi) * np.maximum(r_v, 0.0) ** n
+
+
+def blinn_printed(wi: np.ndarray, wo: np.ndarray, m: float) -> np.ndarray:
+    """(n.h)^n, n = 2/m^2."""
+    return n_dot_h(wi, wo) ** (2.0 / (m * m)) / (2.0 * math.pi)
+
+
+# Formula as printed, the model that has the same lobe in slopes or distances, and its narrowest.
+FORMULAS: dict[str, tuple[Callable[..., np.ndarray], Callable[[float], str], float]] = {
+    "Ward": (ward_printed, lambda m: f"ward:m={m:g}", 1e-8),
+    "Schlick's Z": (schlick_printed, lambda m: f"schlick:roughness={m * m:.17g}", 1e-8),
+    "Phong": (phong_printed, lambda m: f"phong:n={2.0 / (m * m):.17g}", 1e-4),
+    "Blinn": (blinn_printed, lambda m: f"blinn:n={2.0 / (m * m):.17g}", 1e-4),
+}
+
+
+def run(context: Context) -> None:
+    """Count digits of all models, then of formulas as printed, and judge the claims."""
+    frames, refused = all_models(context)
+    summary = pd.concat(
+        [stability.worst(frame).assign(model=name) for name, frame in frames.items()]
+    )
+    first = ["model", "way", "median", "worst", "lost", "place", "cos_theta", "phi_deg"]
+    others = [column for column in summary if column not in first]
+    context.table(
+        "models", summary[[*first, *others]], "Fewest digits of every model, and where they are"
+    )
+    counts = {name: stability.not_finite(frame) for name, frame in frames.items()}
+    wrong = {name: count for name, count in counts.items() if count}
+    context.figure(
+        "models_figure",
+        draw_models(frames),
+        "Right digits of all models: the fewest of all places (dots) and the median (bars); the "
+        "grey lines are all that float32 and float64 have.",
+    )
+    ward = stability.swept("ward")
+    context.figure(
+        "ward_figure",
+        stability.draw(frames["ward"], "m", stability.title_of(ward)),
+        "Right digits of Ward's model over its width and the incidence, fewest of all places.",
+    )
+    printed = formulas(context)
+    context.figure(
+        "printed_figure",
+        draw_printed(printed),
+        "Digits that formulas as printed lose (solid) and the same lobes in slopes (dashed), from "
+        "raw directions in float64, and in float32.",
+    )
+    context.note(
+        f"{len(frames)} models, {sum(len(frame) for frame in frames.values())} values; "
+        + (f"not finite: {wrong}. " if wrong else "all of them finite where the exact value is. ")
+        + f"Not counted: {', '.join(refused) or 'none'}."
+    )
+    judge_rational_lobes(context, printed)
+    judge_denominators(context, frames["ward"])
+
+
+def all_models(context: Context) -> tuple[dict[str, pd.DataFrame], list[str]]:
+    """Digits of every model over its domain, and the models that have none."""
+    names = [n for n in albedo.models() if context.full or n not in SLOW]
+    cosines = stability.COSINES if context.full else stability.COSINES[::3]
+    frames, refused = {}, [n for n in albedo.models() if n not in names]
+    for done, name in enumerate(names):
+        context.progress(done, len(names), f"digits of {name}")
+        models = stability.named_models(stability.swept(name))
+        if not context.full:
+            models = models[:: max(1, len(models) // 4)]
+        try:
+            frames[name] = stability.measure(models, cosines=cosines)
+        except InputError:
+            refused.append(name)
+    return frames, refused
+
+
+def formulas(context: Context) -> pd.DataFrame:
+    """Digits lost by formulas as printed and by the models, within two and a half widths."""
+    rows = []
+    for label, (function, spec, narrowest) in FORMULAS.items():
+        for m in (m for m in WIDTHS if m >= narrowest):
+            context.progress(0, 1, f"{label} as printed, width {m:g}")
+
+            naive = albedo.model_from(partial(function, m=m), lobe="half", width=m)
+            for form, model in (("printed", naive), ("slopes", parse(spec(m)).model())):
+                found = stability.measure([({}, model)], cosines=(0.9, 0.5, 0.1))
+                near = found[found["place"].str.contains("widths|mirror")]
+                lost = stability.worst(near).set_index("way")["lost"]
+                rows.append(
+                    {
+                        "formula": label,
+                        "form": form,
+                        "width": m,
+                        **{f"lost_{way}": float(lost.get(way, math.nan)) for way in LABELS},
+                    }
+                )
+    frame = pd.DataFrame(rows)
+    context.table("printed", frame, "Digits lost near the peak by formulas as printed")
+    return frame
+
+
+def judge_rational_lobes(context: Context, printed: pd.DataFrame) -> None:
+    """S13: as printed, and in slopes."""
+    rows = printed[(printed["formula"] == "Schlick's Z") & (printed["width"] == 1e-2)]
+    rows = rows.set_index("form")
+    for form, said in (("printed", "as printed, in n.h"), ("slopes", "in slopes")):
+        context.claim(
+            "S13",
+            f"Schlick's rational lobe {said} suffers numerically in float32.",
+            value=float(rows.loc[form, "lost_float32"]),
+            # A digit count is that of one value: half a unit in its last place.
+            error=0.5 * 2.0**-24 / math.log(10.0),
+            criterion=f"> {SUFFERS:g}",
+            quantity="decimal digits lost near the peak, of 7.2, for r = 1e-4",
+        )
+
+
+def judge_denominators(context: Context, ward: pd.DataFrame) -> None:
+    """S17: 1/(n.l n.v), and the corner of 1/max(n.l, n.v)."""
+    mirror = ward[(ward["place"] == "mirror") & (ward["cos_theta"] <= 1e-3)]
+    for way in ("float64", "float32"):
+        lost = stability.worst(mirror).set_index("way")["lost"][way]
+        context.claim(
+            "S17",
+            f"Dividing by sqrt(n.l n.v) costs Ward's model digits near 90 degrees, in {way}.",
+            value=float(lost),
+            error=0.0,
+            criterion=f"> {SUFFERS:g}",
+            quantity="decimal digits lost at the mirror direction, cos θ = 1e-3 to 1e-12",
+        )
+    jumps = [slope_jump(c) for c in (0.5, 0.1, 1e-3, 1e-6)]
+    spread = max(abs(jump - jumps[0]) for jump in jumps)
+    context.claim(
+        "S17",
+        "The derivative of f = 1/max(n.l, n.v) jumps where both are the same.",
+        value=jumps[0],
+        error=spread + 1e-9,
+        criterion="> 0",
+        quantity="jump of d ln f/d(n.v), times n.l",
+    )
+    context.note(
+        "A quotient loses no digits: only the range ends, for float32 where 1/(n.l n.v) exceeds "
+        "3e38. What max(n.l, n.v) costs is a corner: the relative derivative jumps by "
+        f"{format_value(jumps[0], spread + 1e-9)}/(n.l) at every incidence, 0.5 to 1e-6."
+    )
+
+
+def slope_jump(c: float) -> float:
+    """n.l times the jump of d ln f/d(n.v) at n.v = n.l, from differences in 50 digits."""
+    exact = precise()
+    # At exponent 0 the lobe is constant, and the maximum is all that is left.
+    model = albedo.model("max_phong", n=0.0)
+    f, step = exact.functions, exact.number(1e-20)
+    z = exact.number(c)
+
+    def value(height: Any) -> Any:
+        light = np.array([[f["sqrt"](1 - z * z), exact.number(0.0), z]], object)
+        view = np.array([[-f["sqrt"](1 - height * height), exact.number(0.0), height]], object)
+        return f["log"](evaluate(model, exact, light, view, light + view)[0])
+
+    below, here, above = value(z - step), value(z), value(z + step)
+    return float(((here - below) - (above - here)) / step * z)
+
+
+def draw_models(frames: dict[str, pd.DataFrame]) -> Figure:
+    """One row for every model."""
+    names = sorted(frames, key=lambda name: -frames[name]["float64"].min())
+    looks = {"float64": ("#0072b2", 0.25), "raw": ("#e69f00", 0.0), "float32": ("#d55e00", -0.25)}
+    with plotting.style():
+        figure, (axes,) = plotting.new_figure(height=0.24 * len(names) + 0.9)
+        for way, (color, shift) in looks.items():
+            rows = np.arange(len(names)) + shift
+            least = [frames[name][way].min() for name in names]
+            middle = [frames[name][way].median() for name in names]
+            axes.hlines(rows, least, middle, color=color, linewidth=1.0)
+            axes.plot(least, rows, "o", ms=4, color=color, label=LABELS[way])
+            axes.plot(middle, rows, "|", ms=7, color=color)
+        for all_digits in (-math.log10(2.0**-24), -math.log10(2.0**-53)):
+            axes.axvline(all_digits, color="#888888", linewidth=0.9, zorder=0.5)
+        axes.set_yticks(range(len(names)), names)
+        axes.set_xlim(-0.4, 16.6)
+        axes.set_ylim(-0.7, len(names) - 0.3)
+        axes.set_xlabel("right decimal digits: fewest (dot) to median (bar)")
+        plotting.add_legend(figure, axes)
+    return figure
+
+
+def draw_printed(printed: pd.DataFrame) -> Figure:
+    """Digits lost over the width, as printed and in slopes."""
+    with plotting.style():
+        figure, panels = plotting.new_figure(2, width=8.2, height=3.7)
+        colors = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
+        for axes, way in zip(panels, ("raw", "float32"), strict=True):
+            for color, label in zip(colors, FORMULAS, strict=True):
+                for form, line in (("printed", "o-"), ("slopes", "s--")):
+                    rows = printed[(printed["formula"] == label) & (printed["form"] == form)]
+                    said = f"{label}, {'as printed' if form == 'printed' else 'in slopes'}"
+                    lost = rows[f"lost_{way}"]
+                    axes.plot(rows["width"], lost, line, ms=3.5, color=color, label=said)
+            axes.set_xscale("log")
+            axes.invert_xaxis()
+            axes.set_xlabel("width of the lobe")
+            axes.set_title(LABELS[way], loc="left")
+        panels[0].set_ylabel("decimal digits lost near the peak")
+        plotting.add_legend(figure, panels[0])
+    return figure
