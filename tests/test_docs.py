@@ -87,7 +87,7 @@ class Intervals(doctest.OutputChecker):
 @pytest.mark.parametrize(
     "text",
     [README, CONTRIBUTING, PUMPING, COUPLING, RADIANCE, GRAZING],
-    ids=["readme", "contributing", "pumping", "coupling", "radiance"],
+    ids=["readme", "contributing", "pumping", "coupling", "radiance", "grazing"],
 )
 def test_python_snippets_print_what_is_shown(text: str) -> None:
     source = "\n".join(block for block in blocks(text, "python") if block.startswith(">>> "))
