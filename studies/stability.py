@@ -41,9 +41,6 @@ SUFFERS = 2.0
 """A formula that loses more decimal digits than this suffers numerically."""
 
 WIDTHS = (0.1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8)
-SLOW = ("he_torrance", "stam_gaussian")
-"""Models that add up series, which takes minutes in 50 digits: only at full fidelity."""
-
 LABELS = {
     "float64": "float64, half vector known",
     "raw": "float64, raw directions",
@@ -134,9 +131,9 @@ def run(context: Context) -> None:
 
 def all_models(context: Context) -> tuple[dict[str, pd.DataFrame], list[str]]:
     """Digits of every model over its domain, and the models that have none."""
-    names = [n for n in albedo.models() if context.full or n not in SLOW]
+    names = list(albedo.models())
     cosines = stability.COSINES if context.full else stability.COSINES[::3]
-    frames, refused = {}, [n for n in albedo.models() if n not in names]
+    frames, refused = {}, []
     for done, name in enumerate(names):
         context.progress(done, len(names), f"digits of {name}")
         models = stability.named_models(stability.swept(name))

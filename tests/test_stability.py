@@ -247,3 +247,11 @@ def test_mistakes_are_named(line: list[str], said: str) -> None:
     done = CliRunner().invoke(app, ["stability", *line])
     assert done.exit_code != 0
     assert said in str(done.exception) or said in done.output
+
+
+@pytest.mark.parametrize("spec", ["he_torrance:sigma0=0.01,tau=8.9", "stam_gaussian:sigma=1"])
+def test_series_end_in_every_arithmetic(spec: str) -> None:
+    """In float32 the constant 1e-300, below which a series ends, is 0."""
+    frame = stability.measure([({}, parse(spec).model())], cosines=(0.7, 1e-3))
+    assert stability.not_finite(frame) == {}
+    assert frame["float64"].min() > 12.0

@@ -88,7 +88,7 @@ def poisson_sum(g, c):
             term = poisson / m * math.exp(-c / m)
             total += term
             # The first terms of a far tail underflow: only a falling term ends the sum.
-            if (total > 0.0 and term <= before and term <= 1e-17 * total) or poisson < 1e-300:
+            if (total > 0.0 and term <= before and term <= 1e-17 * total) or poisson <= 1e-300:
                 return total
             before = term
     # The largest term: m log(m/g) = c/m.
