@@ -493,16 +493,32 @@ class Model:
         total = np.zeros(len(light))
         if np.any(above):
             half = half_vector(light[above], view[above])
-            count = int(above.sum())
-            wi_k = np.ascontiguousarray(light[above].T)
-            wo_k = np.ascontiguousarray(view[above].T).reshape(3, count, 1)
-            h_k = np.ascontiguousarray(half.T).reshape(3, count, 1)
-            p = np.tile(np.array(self.pack(), dtype=np.float64), (count, 1))
-            for part in self.parts():
-                out = np.empty((count, 1))
-                part.fill(wi_k, wo_k, h_k, part.packed(p), out)
-                total[above] += part.scale * out[:, 0]
+            total[above] = self.finite_part(light[above], view[above], half)
         return total.reshape(shape)
+
+    def finite_part(self, wi: np.ndarray, wo: np.ndarray, h: np.ndarray) -> np.ndarray:
+        """What `eval` gives for directions above the horizon whose sum is known.
+
+        Parameters
+        ----------
+        wi, wo, h : ndarray, shape (n, 3)
+            Unit vectors to the light and to the viewer, and wi + wo as a chart knows it.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Values in 1/sr of a model with one channel.
+        """
+        count = len(wi)
+        light = np.ascontiguousarray(wi.T)
+        view, half = (np.ascontiguousarray(v.T).reshape(3, count, 1) for v in (wo, h))
+        p = np.tile(np.array(self.pack(), dtype=np.float64), (count, 1))
+        total = np.zeros(count)
+        for part in self.parts():
+            out = np.empty((count, 1))
+            part.fill(light, view, half, part.packed(p), out)
+            total += part.scale * out[:, 0]
+        return total
 
     def sample(self, u: ArrayLike, wi: ArrayLike) -> Sample:
         """Draw view directions for light directions, from points of the unit square.

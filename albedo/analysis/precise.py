@@ -21,6 +21,12 @@ from albedo._compile import is_kernel
 from albedo.brdf import Model, Part
 from albedo.errors import InputError
 
+# Functions that numpy, mpmath and `math` call by the same names.
+_PLAIN = (
+    *("exp", "log", "sqrt", "sin", "cos", "tan"),
+    *("sinh", "cosh", "tanh", "log1p", "expm1", "hypot"),
+)
+
 DIGITS = 50
 """Digits of the precise arithmetic."""
 
@@ -64,32 +70,12 @@ def single() -> Arithmetic:
     def of(function: Any) -> Callable[..., Any]:
         return lambda *args: function(*(np.float32(arg) for arg in args))
 
-    names = [
-        "exp",
-        "log",
-        "sqrt",
-        "sin",
-        "cos",
-        "tan",
-        "sinh",
-        "cosh",
-        "tanh",
-        "log1p",
-        "expm1",
-        "hypot",
-        "floor",
-        "isfinite",
-        "isnan",
-    ]
+    names = (*_PLAIN, "floor", "isfinite", "isnan")
     functions: dict[str, Any] = {name: of(getattr(np, name)) for name in names}
     others = {"asin": "arcsin", "acos": "arccos", "atan": "arctan", "atan2": "arctan2"}
     functions |= {name: of(getattr(np, other)) for name, other in others.items()}
-    functions |= {
-        "erfc": of(erfc),
-        "fabs": abs,
-        "pi": np.float32(math.pi),
-        "inf": np.float32(np.inf),
-    }
+    constants: dict[str, Any] = {"pi": np.float32(math.pi), "inf": np.float32(math.inf)}
+    functions |= {"erfc": of(erfc), "fabs": abs, **constants}
     return Arithmetic("float32", np.float32, np.float32, functions)
 
 
@@ -111,24 +97,7 @@ def precise() -> Arithmetic:
     # A context of its own: its precision is nobody else's.
     context = mpmath.MPContext()
     context.dps = DIGITS
-    names = [
-        "exp",
-        "log",
-        "sqrt",
-        "sin",
-        "cos",
-        "tan",
-        "sinh",
-        "cosh",
-        "tanh",
-        "asin",
-        "acos",
-        "atan",
-        "atan2",
-        "log1p",
-        "expm1",
-        "hypot",
-    ]
+    names = (*_PLAIN, "asin", "acos", "atan", "atan2")
     functions: dict[str, Any] = {name: getattr(context, name) for name in names}
     functions |= {name: getattr(context, name) for name in ("erfc", "floor", "isfinite", "isnan")}
     functions |= {"fabs": abs, "pi": +context.pi, "inf": context.inf}

@@ -114,15 +114,7 @@ def _compiled(model: Model, wi: np.ndarray, wo: np.ndarray, h: np.ndarray) -> np
     if function := vars(model).get("function"):
         with np.errstate(all="ignore"):
             return np.asarray(function(wi, wo), dtype=np.float64)
-    count = len(wi)
-    total = np.zeros(count)
-    known = [np.ascontiguousarray(v.T) for v in (wi, wo, h)]
-    p = np.tile(np.array(model.pack(), dtype=np.float64), (count, 1))
-    for part in model.parts():
-        out = np.empty((count, 1))
-        part.fill(known[0], known[1][:, :, None], known[2][:, :, None], part.packed(p), out)
-        total += part.scale * out[:, 0]
-    return total
+    return model.finite_part(wi, wo, h)
 
 
 def _raw(model: Model, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
@@ -169,9 +161,8 @@ def thinned(spec: ModelSpec) -> ModelSpec:
     sweep: dict[str, Any] = {}
     most = SETS[min(len(spec.sweep), len(SETS)) - 1]
     for name, values in spec.sweep.items():
-        which = np.unique(np.linspace(0, len(values) - 1, min(most, len(values))).round()).astype(
-            int
-        )
+        even = np.linspace(0, len(values) - 1, min(most, len(values)))
+        which = np.unique(even.round()).astype(int)
         taken = [values[k] for k in which]
         sweep[name] = np.array(taken) if isinstance(values, np.ndarray) else tuple(taken)
     return ModelSpec(spec.name, spec.fixed, sweep)
