@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ from typer.testing import CliRunner
 import albedo
 from albedo._compile import is_kernel
 from albedo.analysis import stability
-from albedo.analysis.precise import DIGITS, evaluate, precise, single
+from albedo.analysis.precise import evaluate, precise, single
 from albedo.brdf import Model
 from albedo.catalogue import names
 from albedo.cli import app
@@ -197,16 +196,6 @@ def test_pumped_models_are_refused() -> None:
     model = albedo.pump(albedo.model("lambert"), 1)
     with pytest.raises(InputError, match=r"plain arithmetic|values of its own"):
         stability.measure([({}, model)], cosines=(0.5,))
-
-
-def test_without_mpmath_one_sentence_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    precise.cache_clear()
-    monkeypatch.setitem(sys.modules, "mpmath", None)
-    with pytest.raises(InputError, match=r"albedo-workbench\[stability\]"):
-        precise()
-    monkeypatch.undo()
-    assert precise().functions["pi"] != math.pi
-    assert DIGITS >= 50
 
 
 def test_the_command_counts_plots_and_writes(tmp_path: Path) -> None:

@@ -81,19 +81,9 @@ def single() -> Arithmetic:
 
 @cache
 def precise() -> Arithmetic:
-    """Fifty digits.
+    """Fifty digits."""
+    import mpmath
 
-    Raises
-    ------
-    InputError
-        Where mpmath is not installed.
-    """
-    try:
-        import mpmath
-    except ImportError:
-        raise InputError(
-            "more digits than float64 has need mpmath; install albedo-workbench[stability]"
-        ) from None
     # A context of its own: its precision is nobody else's.
     context = mpmath.MPContext()
     context.dps = DIGITS

@@ -236,8 +236,7 @@ def measure(
     Raises
     ------
     InputError
-        Where mpmath is missing, for models that are no kernels of plain arithmetic, and for those
-        that are all Dirac parts.
+        For models that are no kernels of plain arithmetic, and for those that are all Dirac parts.
     """
     import pandas as pd
 
