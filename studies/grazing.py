@@ -298,9 +298,13 @@ def judge_cook_torrance(
     end = regions.iloc[-1]
     bright = several[cook_torrance_spec("v_cavity", 0.1, ",prefactor=1/pi")]
     one, none = (several[cook_torrance_spec(g, 0.1)] for g in ("v_cavity", "none"))
+    variants = {label: several[cook_torrance_spec(g, 0.1)] for g, label in MASKING.items()}
+    variants["the prefactor of 1982"] = bright
+    diverging = [label for label, v in variants.items() if v.exponent - v.error > DIVERGES]
     context.note(
         "The paper's proof puts G = 1 on a fixed cap of half vectors while L goes to the horizon. "
-        "With eq. 10 no such cap exists: the directions with G = 1 fill "
+        "With eq. 10 the directions with G = 1 have a solid angle that falls as (n.l)^p, p = "
+        f"{format_value(p, spread)}: they fill "
         f"{format_value(end['over_cos2'], end['over_cos2_error'])} (n.l)^2 steradians at cos θ = "
         f"{end['cos_theta']:.0e}; the limit is {LIMIT:.10g}. Everywhere else light that comes from "
         "the horizon is masked in proportion to n.l, which takes back the 1/(n.l) of eq. 9. Since "
@@ -308,16 +312,22 @@ def judge_cook_torrance(
         "every angle, with this G and with Smith's."
     )
     context.note(
-        "Only G = 1 at all directions gives the curve that the paper describes: exponent "
-        f"{format_value(none.exponent, none.error)} for m = 0.1, prefactor m/(2 √π) to "
-        f"{abs(prefactor_ratio(none)[0] - 1.0) + prefactor_ratio(none)[1]:.1g}, above one from cos "
-        f"θ = {format_value(*none.above_one)} on. "  # type: ignore[misc]
-        "The text of 1982, 1/π with a D that is not normalised, is four times as bright and so "
-        f"exceeds one from the normal on ({format_value(*highest(bright))} at most), but its "
-        f"exponent is {format_value(bright.exponent, bright.error)}: it does not diverge. With the "
-        f"G of eq. 10 the albedo is {format_value(*at_end(one))} at cos θ = "
-        f"{one.cos_theta[-1]:.0e}."
+        f"Of the variants with m = 0.1 there diverge: {', '.join(diverging) or 'none'}. With G = 1 "
+        f"the exponent is {format_value(none.exponent, none.error)} and the prefactor m/(2 √π) to "
+        f"{abs(prefactor_ratio(none)[0] - 1.0) + prefactor_ratio(none)[1]:.1g}; the albedo is "
+        f"above one {passes_one(none)}. The text of 1982, 1/π with a D that is not normalised, is "
+        f"above one {passes_one(bright)} ({format_value(*highest(bright))} at most), with the "
+        f"exponent {format_value(bright.exponent, bright.error)}. With the G of eq. 10 the albedo "
+        f"is {format_value(*at_end(one))} at cos θ = {one.cos_theta[-1]:.0e}."
     )
+
+
+def passes_one(one: Asymptote) -> str:
+    """From where on an albedo is above one."""
+    if one.above_one is None:
+        return "nowhere"
+    cosine, width = one.above_one
+    return f"from cos θ = {format_value(cosine, width)} on" if width else "from the normal on"
 
 
 def at_end(one: Asymptote) -> tuple[float, float]:
