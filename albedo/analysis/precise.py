@@ -99,6 +99,7 @@ def precise() -> Arithmetic:
     return Arithmetic("50 digits", context.mpf, object, functions)
 
 
+@cache
 def rebuilt(kernel: Any, arithmetic: Arithmetic) -> Callable[..., Any]:
     """A kernel, and all kernels that it calls, in another arithmetic.
 
@@ -118,11 +119,6 @@ def rebuilt(kernel: Any, arithmetic: Arithmetic) -> Callable[..., Any]:
     InputError
         For what is no kernel of plain arithmetic.
     """
-    return _rebuilt(kernel, arithmetic)
-
-
-@cache
-def _rebuilt(kernel: Any, arithmetic: Arithmetic) -> Callable[..., Any]:
     source = kernel.py_func
     names: dict[str, Any] = {"__builtins__": __builtins__}
     for name in source.__code__.co_names:
@@ -136,7 +132,7 @@ def _rebuilt(kernel: Any, arithmetic: Arithmetic) -> Callable[..., Any]:
 def _translated(value: Any, arithmetic: Arithmetic) -> Any:
     """A global of a kernel in another arithmetic."""
     if is_kernel(value):
-        return _rebuilt(value, arithmetic)
+        return rebuilt(value, arithmetic)
     if value is math:
         return SimpleNamespace(**arithmetic.functions)
     if isinstance(value, np.ndarray) and value.dtype == np.float64:
