@@ -455,6 +455,25 @@ class Model:
         """
         return 64.0 * np.finfo(float).eps * np.abs(weights)
 
+    def simpler(self) -> dict[str, Model]:
+        """Models that leave something out, and may do for less, by what each leaves out.
+
+        Returns
+        -------
+        dict of str to Model
+            By default an isotropic model for an anisotropic one, with the geometric means of the
+            parameters that an alias sets together.
+        """
+        found: dict[str, Model] = {}
+        for alias in self._declared.values():
+            if not isinstance(alias, Alias) or not set(alias.targets) <= self.parameters.keys():
+                continue
+            values = [self.parameters[name] for name in alias.targets]
+            if all(isinstance(v, float) and v >= 0.0 for v in values) and len(set(values)) > 1:
+                mean = math.prod(values) ** (1.0 / len(values))
+                found["anisotropy"] = self.replace(**{alias.name: mean})
+        return found
+
     def grazing_albedo(self) -> float | None:
         """The limit of the albedo at cos_theta = 0 where it is known in closed form."""
         return None

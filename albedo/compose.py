@@ -123,6 +123,15 @@ class Sum(Model):
             errors.append(factor * m.spike_errors(wi, own))
         return np.concatenate(errors)
 
+    def simpler(self) -> dict[str, Model]:
+        found: dict[str, Model] = {}
+        for k, (factor, m) in enumerate(self.terms):
+            for name, one in m.simpler().items():
+                terms = [*self.terms]
+                terms[k : k + 1] = [(factor * own, simple) for own, simple in _terms(one)]
+                found[f"{name} of {m.name}"] = Sum(tuple(terms))
+        return found
+
     def grazing_albedo(self) -> float | None:
         known = [(factor, m.grazing_albedo()) for factor, m in self.terms]
         values = [factor * value for factor, value in known if value is not None]

@@ -6,9 +6,12 @@ this order. Public arrays have shape (..., 3); kernels see one contiguous array 
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
+from albedo._compile import kernel
 from albedo.errors import InputError
 
 # A unit vector rounded to float32 is off by 6e-8 in length.
@@ -76,15 +79,26 @@ def half_vector(wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
         |wi| = |wo| = 1 with u along the tangential part of wi and w across.
     """
     wi, wo = np.broadcast_arrays(wi, wo)
-    h = wi + wo
-    tangential = np.hypot(wi[..., 0], wi[..., 1])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ux, uy = wi[..., 0] / tangential, wi[..., 1] / tangential
-        v_u = wo[..., 0] * ux + wo[..., 1] * uy
-        v_w = -wo[..., 0] * uy + wo[..., 1] * ux
-        v_z, l_z = wo[..., 2], wi[..., 2]
-        h_u = (v_w * v_w + (v_z - l_z) * (v_z + l_z)) / (tangential - v_u)
-        use = (v_u < 0) & (tangential > l_z)
-        h[..., 0] = np.where(use, h_u * ux - v_w * uy, h[..., 0])
-        h[..., 1] = np.where(use, h_u * uy + v_w * ux, h[..., 1])
+    h = np.empty(wi.shape)
+    fill_half_vectors(
+        *(np.ascontiguousarray(v, dtype=np.float64).reshape(-1, 3) for v in (wi, wo)),
+        h.reshape(-1, 3),
+    )
     return h
+
+
+@kernel
+def fill_half_vectors(wi, wo, h):
+    """Half vectors of rows of raw directions; see `half_vector`."""
+    for i in range(h.shape[0]):
+        lx, ly, l_z = wi[i, 0], wi[i, 1], wi[i, 2]
+        vx, vy, v_z = wo[i, 0], wo[i, 1], wo[i, 2]
+        h[i, 0], h[i, 1], h[i, 2] = lx + vx, ly + vy, l_z + v_z
+        tangential = math.hypot(lx, ly)
+        if tangential > l_z:
+            ux, uy = lx / tangential, ly / tangential
+            v_u, v_w = vx * ux + vy * uy, -vx * uy + vy * ux
+            if v_u < 0.0:
+                h_u = (v_w * v_w + (v_z - l_z) * (v_z + l_z)) / (tangential - v_u)
+                h[i, 0] = h_u * ux - v_w * uy
+                h[i, 1] = h_u * uy + v_w * ux

@@ -20,16 +20,35 @@ CODES = {"white": 0, "schlick": 1, "dielectric": 2, "conductor": 3, "lazanyi": 4
 
 
 @kernel
-def schlick(f0, u):
-    """Schlick 1994, eq. 15: F0 + (1 - F0)(1 - u)^5."""
-    x = 1.0 - u
+def schlick(f0, u, less=-1.0):
+    """Schlick 1994, eq. 15: F0 + (1 - F0)(1 - u)^5; `less` is 1 - u where that is known better."""
+    # u may be rounded to above 1.
+    x = less if less >= 0.0 else max(0.0, 1.0 - u)
     x2 = x * x
     return f0 + (1.0 - f0) * (x2 * x2 * x)
+
+
+CAREFUL = 0.02
+"""From this F0 on 1 - u by subtraction costs F three units in the last place at most."""
+
+
+@kernel
+def is_careful(code, f0):
+    """Whether a factor of a code falls so low next to u = 1 that 1 - u must be known better."""
+    return (code == 1 or code == 4) and f0 < CAREFUL
+
+
+@kernel
+def schlick_rest(u):
+    """1 - (1 - u)^5, expanded so that nothing cancels where u is small."""
+    return u * (5.0 + u * (-10.0 + u * (10.0 + u * (-5.0 + u))))
 
 
 @kernel
 def dielectric(n, u):
     """Exact equations for a real relative index n (Cook and Torrance 1982, sect. 2)."""
+    if n == 1.0:
+        return 0.0
     g2 = (n - 1.0) * (n + 1.0) + u * u
     if g2 <= 0.0:
         return 1.0
@@ -44,6 +63,8 @@ def dielectric_transmittance(n, u):
     """1 - F of the exact equations for a real relative index n >= 1, without cancellation."""
     if u <= 0.0:
         return 0.0
+    if n == 1.0:
+        return 1.0
     g = math.sqrt((n - 1.0) * (n + 1.0) + u * u)
     across = u + g
     along = n * n * u + g
@@ -53,35 +74,41 @@ def dielectric_transmittance(n, u):
 @kernel
 def conductor(n, k, u):
     """Exact equations for a complex index n - ik (Schwenk, eqs. 10 to 12)."""
+    if n == 1.0 and k == 0.0:
+        return 0.0
     s2 = (1.0 - u) * (1.0 + u)
     t0 = (n - 1.0) * (n + 1.0) - k * k + u * u
-    q = math.sqrt(t0 * t0 + 4.0 * n * n * k * k)
+    q = math.hypot(t0, 2.0 * n * k)
     # (q + t0)/2 without cancellation: q^2 - t0^2 = 4 n^2 k^2.
-    a = math.sqrt(0.5 * (q + t0)) if t0 > 0.0 else n * k * math.sqrt(2.0 / (q - t0))
+    a = math.sqrt(0.5 * (q + t0)) if t0 > 0.0 else n * k * (math.sqrt(2.0) / math.sqrt(q - t0))
     r_s = (q + u * u - 2.0 * a * u) / (q + u * u + 2.0 * a * u)
     r_p = r_s * (u * u * q + s2 * s2 - 2.0 * a * u * s2) / (u * u * q + s2 * s2 + 2.0 * a * u * s2)
     return 0.5 * (r_s + r_p)
 
 
 @kernel
-def lazanyi(f0, a, alpha, u):
+def lazanyi(f0, a, alpha, u, less=-1.0):
     """Schlick's form less its error, a u (1 - u)^alpha (Lazanyi and Szirmay-Kalos 2005)."""
     # u may be rounded to above 1, and a power of a negative number is none.
-    return max(0.0, schlick(f0, u) - a * u * max(0.0, 1.0 - u) ** alpha)
+    x = less if less >= 0.0 else max(0.0, 1.0 - u)
+    return max(0.0, schlick(f0, u, x) - a * u * x**alpha)
 
 
 @kernel
-def fresnel(code, a, b, c, u):
-    """The factor that `code` names, of the numbers that `coefficients` gives for it."""
+def fresnel(code, a, b, c, u, less=-1.0):
+    """The factor that `code` names, of the numbers that `coefficients` gives for it.
+
+    `less` is 1 - u where that is known better: next to u = 1 a factor with F0 = 0 is its power.
+    """
     if code == 0:
         return 1.0
     if code == 1:
-        return schlick(a, u)
+        return schlick(a, u, less)
     if code == 2:
         return dielectric(a, u)
     if code == 3:
         return conductor(a, b, u)
-    return lazanyi(a, b, c, u)
+    return lazanyi(a, b, c, u, less)
 
 
 @kernel

@@ -302,6 +302,16 @@ def _rows(
         error += spike.error
     if complement:
         value = np.where(direct, value, 1.0 - value)
+        gave_up = np.flatnonzero(direct & np.isnan(value))
+        if gave_up.size:
+            # What is lost has no value where panels cannot be told from rounding: subtract then.
+            kept = _rows(
+                *([models[int(i)] for i in gave_up], cos_theta[gave_up], phi[gave_up]),
+                *(swap, False, options),
+            )
+            value[gave_up], error[gave_up] = 1.0 - kept.value, kept.error
+            evaluations[gave_up] += kept.evaluations
+            direct[gave_up] = False
         # What a lobe sends beyond its cut is below 1e-290 of what it is.
         error = error + np.where(direct, 1e-290, np.finfo(float).eps * np.abs(value))
     error = np.where(np.isnan(value), np.inf, error)

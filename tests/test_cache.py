@@ -52,7 +52,7 @@ def test_the_next_process_hits_and_an_edited_helper_misses(tmp_path: Path) -> No
     # The model's own file stays as it is: only a helper that it was compiled with changes.
     helper = copy / "geometry.py"
     text = helper.read_text(encoding="utf-8")
-    changed = text.replace("math.exp(-0.5 * n * math.log1p(tan2))", "2.0")
+    changed = text.replace("math.exp(-0.25 * n * log_secant2(hx, hy, hz))", "2.0")
     assert changed != text
     helper.write_text(changed, encoding="utf-8")
     second = run(PRINT_VALUE, tmp_path, cache)

@@ -128,7 +128,7 @@ def test_a_naive_formula_loses_the_digits_that_it_should() -> None:
 
 
 def test_special_places_are_where_they_say() -> None:
-    found = stability._exact_places(precise(), 0.3, 0.7, (0.01, 0.02))
+    found = stability.exact_places(precise(), 0.3, 0.7, (0.01, 0.02))
     wi, wo, h = (v.astype(float) for v in (found.wi, found.wo, found.h))
     np.testing.assert_allclose(np.linalg.norm(wi, axis=1), 1.0, atol=4 * EPS)
     np.testing.assert_allclose(np.linalg.norm(wo, axis=1), 1.0, atol=4 * EPS)

@@ -40,20 +40,20 @@ LAST = ("place", "value", *WAYS, *(f"{way}_not_finite" for way in WAYS))
 """The last columns of what `measure` gives; before them stands what was varied."""
 
 _TITLES = {"float64": "float64", "raw": "float64 from raw directions", "float32": "float32"}
-# All digits there are: half a unit in the last place.
-_FULL = {"float64": -math.log10(2.0**-53), "raw": -math.log10(2.0**-53)}
-_FULL["float32"] = -math.log10(2.0**-24)
-# Below the first, numbers lose digits because they are denormal, or are 0; above the second there
-# are none.
-_RANGE = {"float64": (2.0**-1000, 2.0**1023), "raw": (2.0**-1000, 2.0**1023)}
-_RANGE["float32"] = (2.0**-120, 2.0**127)
-# Near the mirror direction: slopes of H along and across L, in widths of the lobe.
-_OFFSETS = ((0.5, 0.0), (0.0, 0.5), (-1.0, 1.0), (2.5, 0.0))
+FULL = {"float64": -math.log10(2.0**-53), "raw": -math.log10(2.0**-53)}
+FULL["float32"] = -math.log10(2.0**-24)
+"""All digits there are: half a unit in the last place."""
+RANGE = {"float64": (2.0**-1000, 2.0**1023), "raw": (2.0**-1000, 2.0**1023)}
+RANGE["float32"] = (2.0**-120, 2.0**127)
+"""Below the first, numbers lose digits because they are denormal, or are 0; above the second there
+are none."""
+OFFSETS = ((0.5, 0.0), (0.0, 0.5), (-1.0, 1.0), (2.5, 0.0))
+"""Near the mirror direction: slopes of H along and across L, in widths of the lobe."""
 _GRAZING = 1e-9
 
 
 @dataclass(frozen=True)
-class _Geometry:
+class Geometry:
     """Exact directions of one incidence, at all places.
 
     Attributes
@@ -68,45 +68,87 @@ class _Geometry:
     h: np.ndarray
 
 
-def _exact_places(
-    arithmetic: Arithmetic, c: float, turn: float, widths: tuple[float, float]
-) -> _Geometry:
-    """All places for light with a cosine and an azimuth, about a lobe of some widths."""
-    f = arithmetic.functions
-    z = arithmetic.number(c)
-    s = f["sqrt"]((1 - z) * (1 + z))
-    cos_turn, sin_turn = f["cos"](arithmetic.number(turn)), f["sin"](arithmetic.number(turn))
+@dataclass(frozen=True)
+class ExactFrame:
+    """Light with a cosine and an azimuth, and directions that are told from there.
 
-    def turned(x: Any, y: Any, height: Any) -> np.ndarray:
-        return np.array([x * cos_turn - y * sin_turn, x * sin_turn + y * cos_turn, height], object)
+    Attributes
+    ----------
+    arithmetic : Arithmetic
+    cosine : float
+        Cosine of the angle of incidence, in (0, 1].
+    turn : float
+        Azimuth of the light, radians.
+    """
 
-    def about(x: float, y: float) -> np.ndarray:
-        """V for slopes of H."""
-        a, b = arithmetic.number(x), arithmetic.number(y)
-        root = f["sqrt"](1 + a * a + b * b)
+    arithmetic: Arithmetic
+    cosine: float
+    turn: float
+
+    def turned(self, x: Any, y: Any, z: Any) -> np.ndarray:
+        """A direction along the light's azimuth, across it, and along the normal."""
+        f, turn = self.arithmetic.functions, self.arithmetic.number(self.turn)
+        cos_turn, sin_turn = f["cos"](turn), f["sin"](turn)
+        return np.array([x * cos_turn - y * sin_turn, x * sin_turn + y * cos_turn, z], object)
+
+    @property
+    def _cosine_sine(self) -> tuple[Any, Any]:
+        z = self.arithmetic.number(self.cosine)
+        return z, self.arithmetic.functions["sqrt"]((1 - z) * (1 + z))
+
+    @property
+    def light(self) -> np.ndarray:
+        """L."""
+        z, s = self._cosine_sine
+        return self.turned(s, self.arithmetic.number(0.0), z)
+
+    def about(self, x: float, y: float) -> np.ndarray:
+        """V for slopes of H along the light's azimuth and across; it may lie below the horizon."""
+        z, s = self._cosine_sine
+        a, b = self.arithmetic.number(x), self.arithmetic.number(y)
+        root = self.arithmetic.functions["sqrt"](1 + a * a + b * b)
         l_h = (s * a + z) / root
-        return turned(2 * l_h * a / root - s, 2 * l_h * b / root, 2 * l_h / root - z)
+        return self.turned(2 * l_h * a / root - s, 2 * l_h * b / root, 2 * l_h / root - z)
 
-    low = arithmetic.number(_GRAZING)
-    flat = f["sqrt"]((1 - low) * (1 + low))
-    zero = arithmetic.number(0.0)
+    def beside(self, cosine: float, azimuth: float) -> np.ndarray:
+        """V with a cosine, and an azimuth counted from the light's, radians."""
+        f = self.arithmetic.functions
+        z, phi = self.arithmetic.number(cosine), self.arithmetic.number(azimuth)
+        s = f["sqrt"]((1 - z) * (1 + z))
+        return self.turned(s * f["cos"](phi), s * f["sin"](phi), z)
+
+
+def exact_places(
+    arithmetic: Arithmetic,
+    c: float,
+    turn: float,
+    widths: tuple[float, float],
+    grazing: Iterable[float] = (_GRAZING,),
+) -> Geometry:
+    """All places for light with a cosine and an azimuth, about a lobe of some widths."""
+    frame = ExactFrame(arithmetic, c, turn)
+    zero, one = arithmetic.number(0.0), arithmetic.number(1.0)
     found = {
-        "mirror": about(0.0, 0.0),
-        "retro": turned(s, zero, z),
-        "normal": turned(zero, zero, arithmetic.number(1.0)),
-        "grazing ahead": turned(-flat, zero, low),
-        "grazing aside": turned(zero, flat, low),
-        "grazing behind": turned(flat, zero, low),
+        "mirror": frame.about(0.0, 0.0),
+        "retro": frame.light,
+        "normal": frame.turned(zero, zero, one),
     }
-    for x, y in _OFFSETS:
-        found[f"H at ({x:g}, {y:g}) widths"] = about(x * widths[0], y * widths[1])
+    for number in grazing:
+        low = arithmetic.number(number)
+        flat = arithmetic.functions["sqrt"]((1 - low) * (1 + low))
+        said = "" if number == _GRAZING else f", {number:g}"
+        found[f"grazing ahead{said}"] = frame.turned(-flat, zero, low)
+        found[f"grazing aside{said}"] = frame.turned(zero, flat, low)
+        found[f"grazing behind{said}"] = frame.turned(flat, zero, low)
+    for x, y in OFFSETS:
+        found[f"H at ({x:g}, {y:g}) widths"] = frame.about(x * widths[0], y * widths[1])
     kept = {name: v for name, v in found.items() if v[2] > 0}
-    wi = np.stack([turned(s, zero, z)] * len(kept))
+    wi = np.stack([frame.light] * len(kept))
     wo = np.stack(list(kept.values()))
-    return _Geometry(list(kept), wi, wo, wi + wo)
+    return Geometry(list(kept), wi, wo, wi + wo)
 
 
-def _compiled(model: Model, wi: np.ndarray, wo: np.ndarray, h: np.ndarray) -> np.ndarray:
+def values_with_sums(model: Model, wi: np.ndarray, wo: np.ndarray, h: np.ndarray) -> np.ndarray:
     """Values of the kernels in float64 for directions whose sum is known.
 
     A function of one's own forms what it wants, and may be infinite here.
@@ -117,10 +159,10 @@ def _compiled(model: Model, wi: np.ndarray, wo: np.ndarray, h: np.ndarray) -> np
     return model.finite_part(wi, wo, h)
 
 
-def _raw(model: Model, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+def values_of_directions(model: Model, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
     """Values in float64 for directions alone."""
     own = "function" in vars(model)
-    return _compiled(model, wi, wo, wi + wo) if own else model.eval(wi, wo)
+    return values_with_sums(model, wi, wo, wi + wo) if own else model.eval(wi, wo)
 
 
 def digits(value: np.ndarray, exact: np.ndarray, way: str) -> np.ndarray:
@@ -139,7 +181,7 @@ def digits(value: np.ndarray, exact: np.ndarray, way: str) -> np.ndarray:
         Between 0 and all that there are; 0 where a value is not finite.
     """
     found = np.full(len(value), math.nan)
-    low, high = _RANGE[way]
+    low, high = RANGE[way]
     for k, (got, true) in enumerate(zip(value, exact, strict=True)):
         if not abs(true) >= low:
             # Nothing is to be right about 0 but that it is small.
@@ -152,7 +194,7 @@ def digits(value: np.ndarray, exact: np.ndarray, way: str) -> np.ndarray:
         else:
             off = float(abs(type(true)(float(got)) - true) / abs(true))
             right = -math.log10(off) if off > 0.0 else math.inf
-            found[k] = min(max(right, 0.0), _FULL[way])
+            found[k] = min(max(right, 0.0), FULL[way])
     return found
 
 
@@ -255,8 +297,10 @@ def measure(
             for turn in turns:
                 across = math.hypot(wx * math.cos(turn), wy * math.sin(turn))
                 beside = math.hypot(wx * math.sin(turn), wy * math.cos(turn))
-                geometry = _exact_places(exact, c, turn, (across, beside))
-                frame = pd.DataFrame({"place": geometry.places, **_ways(model, geometry, short)})
+                geometry = exact_places(exact, c, turn, (across, beside))
+                frame = pd.DataFrame(
+                    {"place": geometry.places, **count_ways(model, geometry, short)}
+                )
                 frame.insert(0, "phi_deg", math.degrees(turn))
                 frame.insert(0, "cos_theta", c)
                 for name, value in reversed(names.items()):
@@ -267,31 +311,36 @@ def measure(
     return pd.concat(frames, ignore_index=True)
 
 
-def _ways(model: Model, geometry: _Geometry, short: Arithmetic) -> dict[str, np.ndarray]:
+def count_ways(model: Model, geometry: Geometry, short: Arithmetic) -> dict[str, np.ndarray]:
     """The exact values, and the digits of all ways."""
     exact = precise()
     vectors = geometry.wi, geometry.wo, geometry.h
     true = evaluate(model, exact, *vectors)
     plain = [v.astype(np.float64) for v in vectors]
-    # What raw directions say, taken at their word but for their lengths.
-    light, view = exact.array(plain[0]), exact.array(plain[1])
-    for v in (light, view):
-        for k in range(len(v)):
-            v[k] = v[k] / exact.functions["sqrt"](sum(x * x for x in v[k]))
-    at_rounded = evaluate(model, exact, light, view, light + view)
+    at_rounded = evaluate(model, exact, *exact_directions(plain[0], plain[1]))
     wi, wo, h = (short.array(v) for v in plain)
     in_short = evaluate(model, short, wi, wo, h)
     ways = {
-        "float64": (_compiled(model, *plain), true),
-        "raw": (_raw(model, plain[0], plain[1]), at_rounded),
+        "float64": (values_with_sums(model, *plain), true),
+        "raw": (values_of_directions(model, plain[0], plain[1]), at_rounded),
         "float32": (in_short.astype(np.float64), true),
     }
     found = {way: digits(*values, way) for way, values in ways.items()}
     for way, (got, right) in ways.items():
-        high = _RANGE[way][1]
+        high = RANGE[way][1]
         in_range = np.array([bool(abs(x) <= high) for x in right])
         found[f"{way}_not_finite"] = ~np.isfinite(got) & in_range
     return {"value": true.astype(np.float64), **found}
+
+
+def exact_directions(wi: np.ndarray, wo: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What raw directions say, taken at their word but for their lengths, and their sums."""
+    exact = precise()
+    light, view = exact.array(wi), exact.array(wo)
+    for v in (light, view):
+        for k in range(len(v)):
+            v[k] = v[k] / exact.functions["sqrt"](sum(x * x for x in v[k]))
+    return light, view, light + view
 
 
 def not_finite(frame: pd.DataFrame) -> dict[str, int]:
@@ -317,7 +366,7 @@ def worst(frame: pd.DataFrame) -> pd.DataFrame:
             at = frame.loc[frame[way].idxmin()].drop([*LAST[2:]])
             least = float(frame[way].min())
             numbers = {"way": way, "median": float(frame[way].median()), "worst": least}
-            rows.append({**numbers, "lost": _FULL[way] - least, **at})
+            rows.append({**numbers, "lost": FULL[way] - least, **at})
     return pd.DataFrame(rows)
 
 
@@ -346,10 +395,10 @@ def draw(frame: pd.DataFrame, swept: str, title: str) -> Figure:
                 index="cos_theta", columns=swept, values=way, aggfunc="min", dropna=False
             ).sort_index(ascending=False)
             z = field.to_numpy()
-            image = axes.imshow(z, aspect="auto", vmin=0.0, vmax=_FULL[way], cmap="viridis")
+            image = axes.imshow(z, aspect="auto", vmin=0.0, vmax=FULL[way], cmap="viridis")
             for row, column in np.ndindex(z.shape):
                 if np.isfinite(z[row, column]):
-                    dark = z[row, column] < 0.6 * _FULL[way]
+                    dark = z[row, column] < 0.6 * FULL[way]
                     axes.text(
                         *(column, row, f"{z[row, column]:.0f}"),
                         ha="center",

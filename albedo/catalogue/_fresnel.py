@@ -57,6 +57,20 @@ class FresnelChoice(Model):
         others = FresnelChoice._declared.keys() - {"fresnel", *index}
         return tuple(name for name in values if name not in others)
 
+    def simpler(self) -> dict[str, Model]:
+        """Also Schlick's form for the exact factor, and the value at normal incidence for any."""
+        found = super().simpler()
+        if self.fresnel == "white":
+            return found
+        f0 = min(float(self.fresnel_factor(np.ones(1))[0]), 1.0)
+        # A wavelength of the model's own stays.
+        base = FresnelChoice._declared
+        kept = {k: v for k, v in self.parameters.items() if self._declared[k] is not base.get(k)}
+        if self.fresnel != "schlick":
+            found["the exact Fresnel factor"] = type(self)(**kept, fresnel="schlick", f0=f0)
+        found["the Fresnel factor"] = f0 * type(self)(**kept, fresnel="white")
+        return found
+
     def fresnel_factor(self, u: np.ndarray) -> np.ndarray:
         """F at cosines u of any shape."""
         out = np.empty(u.size)

@@ -8,7 +8,7 @@ from typing import Any
 from albedo._compile import kernel
 from albedo.catalogue._phong import mirror_chart, mirror_width
 from albedo.charts.axis import AxisChart
-from albedo.geometry import cosine_power, mirror_offset2
+from albedo.geometry import cosine_root, mirror_offset2
 from albedo.sampling.routines import Routine, axis_power, mirror_power
 
 COLUMNS = 10
@@ -33,19 +33,16 @@ def fill(wi, wo, h, p, out):
         ax, ay, az = ax / length, ay / length, az / length
         less = p[j, 5] * lx * lx + p[j, 6] * ly * ly + p[j, 7] * lz * lz
         log_o = 0.5 * math.log1p(-less) if less < 0.5 else math.log(length)
-        peak = scale * math.exp(n * (p[j, 4] + log_o))
+        # The root of the peak, which alone may be above the range of numbers.
+        peak = math.exp(0.5 * n * (p[j, 4] + log_o))
         for i in range(out.shape[1]):
             vx, vy, vz = wo[0, j, i], wo[1, j, i], wo[2, j, i]
             if mirror > 0.0:
                 d2 = mirror_offset2(lx, ly, lz, h[0, j, i], h[1, j, i], h[2, j, i], vz)
             else:
                 d2 = (ax - vx) ** 2 + (ay - vy) ** 2 + (az - vz) ** 2
-            if d2 < 0.5:
-                power = cosine_power(d2, n)
-            else:
-                cosine = ax * vx + ay * vy + az * vz
-                power = math.exp(n * math.log(cosine)) if cosine > 0.0 else 0.0
-            out[j, i] = peak * power
+            root = cosine_root(d2, ax * vx + ay * vy + az * vz, n)
+            out[j, i] = scale * (peak * root) * (peak * root) if root > 0.0 else 0.0
 
 
 def is_mirror(c: tuple[float, float, float]) -> bool:

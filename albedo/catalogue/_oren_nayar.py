@@ -30,5 +30,5 @@ def fujii(lx, ly, lz, vx, vy, vz, hx, hy, a, b, a_less_b):
     """
     s = lx * vx + ly * vy
     if s > 0.0:
-        return a + b * (s / max(lz, vz))
+        return a + b * s / max(lz, vz)
     return a_less_b + 0.5 * b * (hx * hx + hy * hy + lz * lz + vz * vz)

@@ -8,31 +8,31 @@ from albedo._compile import kernel
 from albedo.brdf import Alias, Choice, Model, Part, Real
 from albedo.catalogue._blinn import slope_chart, slope_width
 from albedo.charts.cosine import CosineChart
-from albedo.fresnel import schlick
-from albedo.geometry import normal_power, v_dot_h
+from albedo.fresnel import CAREFUL, schlick, schlick_rest
+from albedo.geometry import along_azimuth, divided, normal_root, one_less_v_dot_h, v_dot_h
 from albedo.sampling.routines import normal_powers
 
 
 @kernel
 def coupling(cosine):
     """1 - (1 - cosine/2)^5, expanded so that nothing cancels at grazing angles."""
-    x = 0.5 * cosine
-    return x * (5.0 + x * (-10.0 + x * (10.0 + x * (-5.0 + x))))
+    return schlick_rest(0.5 * cosine)
 
 
 @kernel
 def fill_specular(wi, wo, h, p, out):
     """f_s = sqrt((n_u+1)(n_v+1))/(8 pi) (n.h)^(n_u cos^2 + n_v sin^2) F/(v.h max(n.l, n.v))."""
     for j in range(out.shape[0]):
-        lz, n_u, n_v, scale, r_s = wi[2, j], p[j, 0], p[j, 1], p[j, 2], p[j, 3]
+        lx, ly, lz = wi[0, j], wi[1, j], wi[2, j]
+        n_u, n_v, scale, r_s = p[j, 0], p[j, 1], p[j, 2], p[j, 3]
         for i in range(out.shape[1]):
             hx, hy, hz = h[0, j, i], h[1, j, i], h[2, j, i]
-            x2, y2 = (hx / hz) ** 2, (hy / hz) ** 2
-            tan2 = x2 + y2
-            n = (n_u * x2 + n_v * y2) / tan2 if tan2 > 0.0 else n_u
+            root = normal_root(hx, hy, hz, along_azimuth(n_u, n_v, hx, hy))
             u = v_dot_h(hx, hy, hz)
-            larger = max(lz, wo[2, j, i])
-            out[j, i] = scale * normal_power(tan2, n) * schlick(r_s, u) / (u * larger)
+            vx, vy, vz = wo[0, j, i], wo[1, j, i], wo[2, j, i]
+            less = one_less_v_dot_h(lx, ly, lz, vx, vy, vz, u) if r_s < CAREFUL else -1.0
+            factor = schlick(r_s, u, less)
+            out[j, i] = divided(scale * factor, root, u, max(lz, vz))
 
 
 @kernel
@@ -85,6 +85,14 @@ class AshikhminShirley(Model):
         coupled = 28.0 * self.r_d / (23.0 * math.pi) * (1.0 - self.r_s)
         diffuse = self.r_d / math.pi if lambert else coupled
         return (self.n_u, self.n_v, scale, self.r_s, diffuse, float(lambert))
+
+    def simpler(self) -> dict[str, Model]:
+        """Also Lambert's diffuse term, with what the coat lets through at normal incidence."""
+        found = super().simpler()
+        if self.diffuse == "paper" and self.r_d > 0.0:
+            left = self.r_d * (1.0 - self.r_s)
+            found["the coupling of the diffuse term"] = self.replace(diffuse="lambert", r_d=left)
+        return found
 
     def parts(self) -> tuple[Part, ...]:
         parts = []

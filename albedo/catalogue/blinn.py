@@ -7,7 +7,7 @@ import math
 from albedo._compile import kernel
 from albedo.brdf import Choice, Model, Part, Real
 from albedo.catalogue._blinn import slope_chart, slope_width
-from albedo.geometry import normal_power, slope2
+from albedo.geometry import normal_root
 from albedo.sampling.routines import normal_powers
 
 
@@ -17,7 +17,8 @@ def fill(wi, wo, h, p, out):
     for j in range(out.shape[0]):
         n, scale = p[j, 0], p[j, 1]
         for i in range(out.shape[1]):
-            out[j, i] = scale * normal_power(slope2(h[0, j, i], h[1, j, i], h[2, j, i]), n)
+            root = normal_root(h[0, j, i], h[1, j, i], h[2, j, i], n)
+            out[j, i] = scale * root * root
 
 
 def normalization(n: float) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from albedo._compile import kernel
 from albedo.brdf import Model, Part, Real
 from albedo.catalogue._blinn import slope_chart, slope_width
-from albedo.geometry import normal_power, slope2
+from albedo.geometry import divided, normal_root
 from albedo.sampling.routines import normal_powers
 
 
@@ -13,9 +13,10 @@ from albedo.sampling.routines import normal_powers
 def fill(wi, wo, h, p, out):
     """f = rho_s (n.h)^n / n.l."""
     for j in range(out.shape[0]):
-        n, scale = p[j, 0], p[j, 1] / wi[2, j]
+        n, rho_s, lz = p[j, 0], p[j, 1], wi[2, j]
         for i in range(out.shape[1]):
-            out[j, i] = scale * normal_power(slope2(h[0, j, i], h[1, j, i], h[2, j, i]), n)
+            root = normal_root(h[0, j, i], h[1, j, i], h[2, j, i], n)
+            out[j, i] = divided(rho_s, root, lz, 1.0)
 
 
 class BlinnOriginal(Model):

@@ -15,16 +15,17 @@ from albedo.catalogue._fresnel import SOURCES_OF_FACTORS, FresnelChoice
 from albedo.charts.polar import PolarChart
 from albedo.charts.tail_rings import TailRingsChart
 from albedo.errors import InputError
-from albedo.fresnel import fresnel
-from albedo.geometry import v_dot_h
+from albedo.fresnel import fresnel, is_careful
+from albedo.geometry import divided, one_less_v_dot_h, slopes, v_dot_h
 from albedo.microfacet import (
     DISTRIBUTIONS,
     GEOMETRIES,
     RATIONAL_END,
+    cavity_cosines,
+    correlated_cosines,
     distribution,
-    masking_lambda,
-    smith_lambda,
-    v_cavity,
+    distribution_root,
+    hidden_cosine,
 )
 from albedo.sampling.routines import (
     Routine,
@@ -43,28 +44,34 @@ def fill(wi, wo, h, p, out):
         dist, geometry, kx, ky, scale = int(p[j, 0]), int(p[j, 1]), p[j, 2], p[j, 3], p[j, 4]
         ax2, ay2, prefactor = p[j, 5], p[j, 6], p[j, 7]
         f_code, f_a, f_b, f_c = int(p[j, 8]), p[j, 9], p[j, 10], p[j, 11]
-        lambda_l = 0.0
+        careful = is_careful(f_code, f_a)
+        hidden_l = 0.0
         if geometry >= 2:
-            lambda_l = masking_lambda(geometry, dist, ax2, ay2, lx, ly, lz)
+            hidden_l = hidden_cosine(geometry, dist, ax2, ay2, lx, ly, lz)
         for i in range(out.shape[1]):
             vz = wo[2, j, i]
-            if vz <= 0.0:
+            if min(lz, vz) <= 0.0:
                 out[j, i] = 0.0
                 continue
             hx, hy, hz = h[0, j, i], h[1, j, i], h[2, j, i]
             u = v_dot_h(hx, hy, hz)
-            x, y = hx / hz, hy / hz
-            d = distribution(dist, kx, ky, scale, x * x, y * y)
-            g = 1.0
+            x, y, lift = slopes(hx, hy, hz)
+            # G/(n.l n.v) as 1/(a b): with masking no cosine is divided by alone.
+            a, b = lz, vz
             if geometry == 1:
-                g = v_cavity(0.5 * hz / u, lz, vz, u)
+                a, b = cavity_cosines(hz, lz, vz, u)
             elif geometry >= 2:
                 vx, vy = wo[0, j, i], wo[1, j, i]
-                lambda_v = masking_lambda(geometry, dist, ax2, ay2, vx, vy, vz)
-                g = 1.0 / ((1.0 + lambda_l) * (1.0 + lambda_v))
+                hidden_v = hidden_cosine(geometry, dist, ax2, ay2, vx, vy, vz)
+                a, b = lz + hidden_l, vz + hidden_v
                 if geometry == 3:
-                    g = 1.0 / (1.0 + lambda_l + lambda_v)
-            out[j, i] = prefactor * fresnel(f_code, f_a, f_b, f_c, u) * d * g / (lz * vz)
+                    a, b = correlated_cosines(lz, hidden_l, vz, hidden_v)
+            less = (
+                one_less_v_dot_h(lx, ly, lz, wo[0, j, i], wo[1, j, i], vz, u) if careful else -1.0
+            )
+            f = prefactor * fresnel(f_code, f_a, f_b, f_c, u, less)
+            root = distribution_root(dist, kx, ky, x * x, y * y, lift)
+            out[j, i] = divided(f * scale, root, a, b)
 
 
 @kernel
@@ -75,28 +82,37 @@ def loss(wi, wo, h, p, out):
         dist, geometry, kx, ky, scale = int(p[j, 0]), int(p[j, 1]), p[j, 2], p[j, 3], p[j, 4]
         ax2, ay2 = p[j, 5], p[j, 6]
         f_code, f_a, f_b, f_c = int(p[j, 8]), p[j, 9], p[j, 10], p[j, 11]
-        lambda_l = smith_lambda(dist, ax2, ay2, lx, ly, lz) if geometry >= 2 else 0.0
+        careful = is_careful(f_code, f_a)
+        hidden_l = hidden_cosine(geometry, dist, ax2, ay2, lx, ly, lz) if geometry >= 2 else 0.0
         for i in range(out.shape[1]):
             hx, hy, hz, vz = h[0, j, i], h[1, j, i], h[2, j, i], wo[2, j, i]
             u = v_dot_h(hx, hy, hz)
-            n_dot_h = 0.5 * hz / u
-            g1 = 1.0 / (1.0 + lambda_l)
+            # G1/n.l and G2/n.l: with masking no cosine is divided by alone.
+            g1 = 1.0 / (lz + hidden_l)
             if geometry == 1:
-                g1 = min(1.0, 2.0 * n_dot_h * lz / u)
+                g1 = min(1.0 / lz, hz / u / u)
             g2, lost = 0.0, g1
             if vz > 0.0 and geometry == 1:
-                g2 = v_cavity(n_dot_h, lz, vz, u)
+                # What is the same must be so in every digit.
+                g2 = g1 if vz >= lz else min(1.0 / lz, hz / u / u * (vz / lz))
                 lost = g1 - g2
             elif vz > 0.0:
-                lambda_v = smith_lambda(dist, ax2, ay2, wo[0, j, i], wo[1, j, i], vz)
-                rest = 1.0 + lambda_v + (lambda_l if geometry == 3 else 0.0)
-                g2 = 1.0 / rest if geometry == 3 else g1 / rest
-                lost = g1 * lambda_v / rest
-            absorbed = (1.0 - fresnel(f_code, f_a, f_b, f_c, u)) * g2
-            # Half vectors seen from L reach down to the horizon: their slopes stay numbers.
-            x, y = hx / max(hz, 1e-150), hy / max(hz, 1e-150)
-            d = distribution(dist, kx, ky, scale, x * x, y * y)
-            out[j, i] = d * (lost + absorbed) / (4.0 * lz)
+                hidden_v = hidden_cosine(geometry, dist, ax2, ay2, wo[0, j, i], wo[1, j, i], vz)
+                rest = vz + hidden_v
+                if geometry == 3:
+                    # (1 + Lambda_l + Lambda_v) n.v; light that is not hidden hides nothing.
+                    rest += vz * (hidden_l / lz)
+                    g2 = vz / rest / lz
+                else:
+                    g2 = g1 * (vz / rest)
+                lost = g1 * (hidden_v / rest)
+            less = (
+                one_less_v_dot_h(lx, ly, lz, wo[0, j, i], wo[1, j, i], vz, u) if careful else -1.0
+            )
+            absorbed = (1.0 - fresnel(f_code, f_a, f_b, f_c, u, less)) * g2
+            x, y, lift = slopes(hx, hy, hz)
+            d = 0.25 * distribution(dist, kx, ky, scale, x * x, y * y, lift)
+            out[j, i] = d * (lost + absorbed) if d > 0.0 else 0.0
 
 
 @lru_cache(maxsize=4096)
@@ -189,8 +205,9 @@ class CookTorrance(FresnelChoice):
 
     @property
     def _exact_masking(self) -> bool:
-        own = self.geometry == "v_cavity" or self.distribution in ("beckmann", "ggx")
-        return own and self.geometry != "none"
+        """Whether the light that facets see is the light that arrives: the loss rests on it."""
+        smith = self.geometry in ("smith", "smith_correlated")
+        return self.geometry == "v_cavity" or (smith and self.distribution in ("beckmann", "ggx"))
 
     @property
     def conserves_energy(self) -> bool:  # type: ignore[override]

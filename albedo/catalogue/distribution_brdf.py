@@ -18,9 +18,9 @@ from albedo.catalogue._blinn import slope_chart, slope_width
 from albedo.catalogue._fresnel import SOURCES_OF_FACTORS, FresnelChoice
 from albedo.charts.polar import PolarChart
 from albedo.errors import InputError
-from albedo.fresnel import fresnel
-from albedo.geometry import v_dot_h
-from albedo.microfacet import DISTRIBUTIONS, distribution
+from albedo.fresnel import fresnel, is_careful
+from albedo.geometry import divided, one_less_v_dot_h, slopes, v_dot_h
+from albedo.microfacet import DISTRIBUTIONS, distribution_root
 from albedo.sampling.routines import COSINE, gaussian_normals, ggx_normals, normal_powers
 
 _VELVET = -1
@@ -40,18 +40,24 @@ def velvet(a, scale, tan2):
 def fill(wi, wo, h, p, out):
     """f = F(v.h) p(h)/(4 (n.l + n.v - (n.l)(n.v)))."""
     for j in range(out.shape[0]):
-        lz = wi[2, j]
+        lx, ly, lz = wi[0, j], wi[1, j], wi[2, j]
         code, kx, ky, scale = int(p[j, 0]), p[j, 1], p[j, 2], p[j, 3]
         f_code, f_a, f_b, f_c = int(p[j, 4]), p[j, 5], p[j, 6], p[j, 7]
+        careful = is_careful(f_code, f_a)
         for i in range(out.shape[1]):
             hx, hy, hz, vz = h[0, j, i], h[1, j, i], h[2, j, i], wo[2, j, i]
-            x, y = hx / hz, hy / hz
+            x, y, lift = slopes(hx, hy, hz)
+            u = v_dot_h(hx, hy, hz)
+            less = (
+                one_less_v_dot_h(lx, ly, lz, wo[0, j, i], wo[1, j, i], vz, u) if careful else -1.0
+            )
+            k = fresnel(f_code, f_a, f_b, f_c, u, less) * scale
+            lower = 4.0 * (lz + vz * (1.0 - lz))
             if code < 0:
-                density = velvet(kx, scale, x * x + y * y)
+                out[j, i] = velvet(kx, k, x * x + y * y) / lower
             else:
-                density = distribution(code, kx, ky, scale, x * x, y * y)
-            factor = fresnel(f_code, f_a, f_b, f_c, v_dot_h(hx, hy, hz))
-            out[j, i] = factor * density / (4.0 * (lz + vz * (1.0 - lz)))
+                root = distribution_root(code, kx, ky, x * x, y * y, lift)
+                out[j, i] = divided(k, root, lower, 1.0)
 
 
 @kernel
@@ -80,12 +86,17 @@ def log_density(knots, angle):
 def fill_tabulated(wi, wo, h, p, out):
     """f = F(v.h) p(h)/(4 (n.l + n.v - (n.l)(n.v))), log p a spline in the angle of h."""
     for j in range(out.shape[0]):
-        lz, scale = wi[2, j], p[j, 0]
+        lx, ly, lz, scale = wi[0, j], wi[1, j], wi[2, j], p[j, 0]
         f_code, f_a, f_b, f_c = int(p[j, 1]), p[j, 2], p[j, 3], p[j, 4]
+        careful = is_careful(f_code, f_a)
         for i in range(out.shape[1]):
             hx, hy, hz, vz = h[0, j, i], h[1, j, i], h[2, j, i], wo[2, j, i]
             density = scale * math.exp(log_density(p[j, 5:], math.atan2(math.hypot(hx, hy), hz)))
-            factor = fresnel(f_code, f_a, f_b, f_c, v_dot_h(hx, hy, hz))
+            u = v_dot_h(hx, hy, hz)
+            less = (
+                one_less_v_dot_h(lx, ly, lz, wo[0, j, i], wo[1, j, i], vz, u) if careful else -1.0
+            )
+            factor = fresnel(f_code, f_a, f_b, f_c, u, less)
             out[j, i] = factor * density / (4.0 * (lz + vz * (1.0 - lz)))
 
 

@@ -7,6 +7,7 @@ import math
 from albedo._compile import kernel
 from albedo.brdf import Choice, Model, Part, Real
 from albedo.catalogue._oren_nayar import CHART, fujii
+from albedo.catalogue.lambert import Lambert
 from albedo.sampling.routines import Routine
 
 K1 = 0.5 - 2.0 / (3.0 * math.pi)
@@ -152,6 +153,10 @@ class Eon(Model):
             *(single, single * self.r, single * (1.0 - self.r)),
             *(rho_ms / math.pi * a * self.r / K1_LESS_K2, float(self.albedo == "fitted")),
         )
+
+    def simpler(self) -> dict[str, Model]:
+        """Lambert's law, with the albedo of the facets."""
+        return {"roughness": Lambert(rho=self.rho)}
 
     def parts(self) -> tuple[Part, ...]:
         routine = Routine("transformed cosine", draw, density, (self.r,), "Portsmouth et al. 2024")

@@ -9,6 +9,7 @@ from typing import Any
 from albedo._compile import kernel
 from albedo.brdf import Choice, Model, Part, Real
 from albedo.catalogue._oren_nayar import CHART, fujii, interreflection, spread
+from albedo.catalogue.lambert import Lambert
 
 
 @kernel
@@ -72,6 +73,10 @@ class Fujii(Model):
         # At r = 1 the difference is 0, not what is left of roundings.
         difference = a * (1.0 - self.r) if self.form == "artist" else a - b
         return (self.rho * a, self.rho * b, self.rho * difference)
+
+    def simpler(self) -> dict[str, Model]:
+        """Lambert's law, with the albedo of the facets."""
+        return {"roughness": Lambert(rho=self.rho)}
 
     def parts(self) -> tuple[Part, ...]:
         return (Part("diffuse", fill, CHART),)

@@ -13,7 +13,7 @@ from albedo.catalogue._phong import mirror_chart, mirror_width
 from albedo.charts.cosine import CosineChart
 from albedo.charts.polar import PolarChart
 from albedo.fresnel import dielectric, dielectric_transmittance
-from albedo.geometry import cosine_difference, cosine_power, mirror_offset2
+from albedo.geometry import cosine_difference, cosine_root, mirror_root
 
 
 @kernel
@@ -24,8 +24,10 @@ def fill_top(wi, wo, h, p, out):
         ior, e0 = p[j, 0], p[j, 1]
         scale = p[j, 2] * dielectric(ior, lz)
         for i in range(out.shape[1]):
-            d2 = mirror_offset2(lx, ly, lz, h[0, j, i], h[1, j, i], h[2, j, i], wo[2, j, i])
-            out[j, i] = scale * cosine_power(d2, e0)
+            vx, vy, vz = wo[0, j, i], wo[1, j, i], wo[2, j, i]
+            hx, hy, hz = h[0, j, i], h[1, j, i], h[2, j, i]
+            root = mirror_root(lx, ly, lz, vx, vy, vz, hx, hy, hz, e0)
+            out[j, i] = scale * root * root
 
 
 @kernel
@@ -36,14 +38,17 @@ def fill_bottom(wi, wo, h, p, out):
         ior, e1 = p[j, 0], p[j, 3]
         scale = p[j, 4] * dielectric_transmittance(ior, lz)
         bent = (ior - 1.0) * (ior + 1.0)
-        inside_l = math.sqrt(bent + lz * lz)
+        inside_l = math.sqrt(bent + lz * lz) if bent > 0.0 else lz
         for i in range(out.shape[1]):
             hx, hy, hz, vz = h[0, j, i], h[1, j, i], h[2, j, i], wo[2, j, i]
             # n.l' = inside_l/ior, so n.l' - n.v' = (n.l - n.v)(n.l + n.v)/(ior (sum of both)).
             dz = cosine_difference(lx, ly, lz, hx, hy, hz, vz) * hz
-            dz /= inside_l + math.sqrt(bent + vz * vz)
+            inside_v = math.sqrt(bent + vz * vz) if bent > 0.0 else vz
+            dz /= inside_l + inside_v
             d2 = (hx * hx + hy * hy + dz * dz) / (ior * ior)
-            out[j, i] = scale * dielectric_transmittance(ior, vz) * cosine_power(d2, e1)
+            across = lx * wo[0, j, i] + ly * wo[1, j, i]
+            root = cosine_root(d2, (inside_l * inside_v - across) / (ior * ior), e1)
+            out[j, i] = scale * dielectric_transmittance(ior, vz) * root * root
 
 
 @kernel

@@ -13,9 +13,9 @@ from albedo.brdf import Choice, Part, Real
 from albedo.catalogue._fresnel import SOURCES_OF_FACTORS, FresnelChoice
 from albedo.charts.cosine import CosineChart
 from albedo.charts.polar import PolarChart
-from albedo.fresnel import fresnel
-from albedo.geometry import v_dot_h
-from albedo.microfacet import beckmann_lambda
+from albedo.fresnel import fresnel, is_careful
+from albedo.geometry import one_less_v_dot_h, v_dot_h
+from albedo.microfacet import beckmann_hidden
 
 
 @kernel
@@ -43,12 +43,24 @@ def lambert_w(x):
 
 
 @kernel
-def shadowing(ratio, c, s):
-    """S1 of one direction (He et al. 1991, eqs. 24, 25, with the exponential eq. 25 lacks)."""
+def lambert_w_of_exp(x):
+    """W(e^x) for x > 100, by Newton's method for w + ln(w) = x."""
+    w = x - math.log(x)
+    for _ in range(4):
+        w -= (w + math.log(w) - x) * w / (1.0 + w)
+    return w
+
+
+@kernel
+def shadowed(ratio, c, s):
+    """S1/cos(theta) of one direction (He et al. 1991, eqs. 24, 25, with the exponential 25 lacks).
+
+    It stays a number at any cosine.
+    """
     if s == 0.0:
-        return 1.0
-    v = 0.5 * ratio * c / s
-    return (1.0 - 0.5 * math.erfc(v)) / (1.0 + beckmann_lambda(v))
+        return 1.0 / c
+    seen = 1.0 - 0.5 * math.erfc(0.5 * ratio * c / s)
+    return seen / (c + beckmann_hidden(c, 2.0 * s / ratio))
 
 
 @kernel
@@ -56,7 +68,8 @@ def roughness_slope(ratio, c, s):
     """K = tan(theta) erfc(tau/(2 sigma0 tan(theta))) (He et al. 1991, eq. 82)."""
     if s == 0.0:
         return 0.0
-    return s / c * math.erfc(0.5 * ratio * c / s)
+    # A sum of two is a number for denormal cosines too: what is read of it is its logarithm.
+    return min(s / c, 1e307) * math.erfc(0.5 * ratio * c / s)
 
 
 @kernel
@@ -67,34 +80,75 @@ def roughness2(k_sum):
     has the closed form (z0/sigma0)^2 = W(2 K^2/pi), K = (K_L + K_V)/4.
     """
     k = 0.25 * k_sum
+    if k > 1e100:
+        return 1.0 / (1.0 + lambert_w_of_exp(math.log(2.0 / math.pi) + 2.0 * math.log(k)))
     return 1.0 / (1.0 + lambert_w(2.0 * k * k / math.pi))
 
 
 @kernel
-def poisson_sum(g, c):
-    """Sum over m >= 1 of g^m e^-g/(m! m) exp(-c/m) (He et al. 1991, eq. 78).
+def log_weight(g, m):
+    """ln of g^m e^-g/m!, for m > 30 (Loader 2000)."""
+    d = (m - g) / (m + g)
+    if abs(d) < 0.1:
+        # m log(m/g) + g - m without cancellation: 2 m sum_k d^(2k+1)/(2k+1) - (m - g).
+        deviance = (m - g) * d
+        power = 2.0 * m * d
+        for k in range(1, 12):
+            power *= d * d
+            deviance += power / (2 * k + 1)
+    else:
+        deviance = m * math.log(m / g) + g - m
+    m2 = m * m
+    stirling = (1.0 / 12.0 - (1.0 / 360.0 - (1.0 / 1260.0 - 1.0 / (1680.0 * m2)) / m2) / m2) / m
+    return -deviance - stirling
 
-    Up to g = 100 by recurrence. Above, the sum is a trapezoid rule of a smooth function, so a
-    wider step around the largest term gives the same number; the weights are Loader's.
+
+@kernel
+def poisson_series(g, c, root, rest):
+    """(root rest)^2 times the sum over m >= 1 of g^(m-1) e^-g/(m! m) exp(-c/m), root-wise.
+
+    That is the series of He et al. 1991, eq. 78, over g, and what it is multiplied by: the series
+    alone may be below the range of numbers. Up to g = 40 it starts with m = 1, up to 100 with the
+    largest term, before which e^-g is below what float32 has. Above, the sum is a trapezoid rule
+    of a smooth function, so a wider step around the largest term gives the same number.
     """
-    if g <= 0.0:
-        return 0.0
-    if g <= 100.0:
-        poisson = math.exp(-g)
-        total, before, m = 0.0, 0.0, 0
+    if g <= 40.0:
+        weight = math.exp(-g)
+        # m is a float all along: an integer would draw float32 up to float64.
+        total, before, m = 0.0, 0.0, 0.0
         while True:
-            m += 1
-            poisson *= g / m
-            term = poisson / m * math.exp(-c / m)
+            m += 1.0
+            if m > 1.0:
+                weight *= g / m
+            height = root * math.exp(-0.5 * c / m) * rest
+            term = weight / m * height * height
             total += term
             # The first terms of a far tail underflow: only a falling term ends the sum.
-            if (total > 0.0 and term <= before and term <= 1e-17 * total) or poisson <= 1e-300:
+            ends = total > 0.0 and term <= before and term <= 1e-17 * total
+            if ends or weight <= 1e-300 or height > 1e200:
                 return total
             before = term
     # The largest term: m log(m/g) = c/m.
     m0 = g + c / g
     for _ in range(6):
         m0 -= (m0 * math.log(m0 / g) - c / m0) / (math.log(m0 / g) + 1.0 + c / (m0 * m0))
+    if g <= 100.0:
+        # Its floor, without an integer on the way.
+        m0 -= m0 % 1.0
+        first = math.exp(log_weight(g, m0)) / (g * math.sqrt(2.0 * math.pi * m0))
+        total = 0.0
+        for side in range(2):
+            m, weight = m0, first
+            while m >= 1.0:
+                height = root * math.exp(-0.5 * c / m) * rest
+                term = weight / m * height * height
+                if side == 0 or m < m0:
+                    total += term
+                if term <= 1e-17 * total and m != m0:
+                    break
+                weight *= g / (m + 1.0) if side == 0 else m / g
+                m += 1.0 if side == 0 else -1.0
+        return total
     step = 0.55 / math.sqrt(1.0 / m0 + 2.0 * c / (m0 * m0 * m0))
     # A step that m0 can be added to exactly: nodes that are rounded cost sqrt(g) ulps.
     step = (m0 + step) - m0
@@ -103,47 +157,41 @@ def poisson_sum(g, c):
         m = m0 + j * step
         if m < 1.0:
             continue
-        d = (m - g) / (m + g)
-        if abs(d) < 0.1:
-            # m log(m/g) + g - m without cancellation: 2 m sum_k d^(2k+1)/(2k+1) - (m - g).
-            deviance = (m - g) * d
-            power = 2.0 * m * d
-            for k in range(1, 12):
-                power *= d * d
-                deviance += power / (2 * k + 1)
-        else:
-            deviance = m * math.log(m / g) + g - m
-        m2 = m * m
-        stirling = (1.0 / 12.0 - (1.0 / 360.0 - (1.0 / 1260.0 - 1.0 / (1680.0 * m2)) / m2) / m2) / m
-        total += math.exp(-deviance - stirling - c / m) / (m * math.sqrt(2.0 * math.pi * m))
-    return total * step
+        height = root * math.exp(0.5 * (log_weight(g, m) - c / m)) * rest
+        total += height * (height * (step / g / (m * math.sqrt(2.0 * math.pi * m))))
+    return total
 
 
 @kernel
 def fill(wi, wo, h, p, out):
     """f_dd = F(v.h) G S D / (pi n.l n.v), G = (2 v.h / n.h)^2."""
     for j in range(out.shape[0]):
-        lz = wi[2, j]
+        lx, ly, lz = wi[0, j], wi[1, j], wi[2, j]
         ratio, k2s2, k2t2, scale = p[j, 0], p[j, 1], p[j, 2], p[j, 3]
         f_code, f_a, f_b, f_c = int(p[j, 5]), p[j, 6], p[j, 7], p[j, 8]
+        careful = is_careful(f_code, f_a)
         sin_l = math.hypot(wi[0, j], wi[1, j])
-        s_l = shadowing(ratio, lz, sin_l)
+        s_l = shadowed(ratio, lz, sin_l)
         k_l = roughness_slope(ratio, lz, sin_l)
         for i in range(out.shape[1]):
             vz = wo[2, j, i]
-            if vz <= 0.0:
+            if min(lz, vz) <= 0.0:
                 out[j, i] = 0.0
                 continue
             hx, hy, hz = h[0, j, i], h[1, j, i], h[2, j, i]
             sin_v = math.hypot(wo[0, j, i], wo[1, j, i])
-            shadow = s_l * shadowing(ratio, vz, sin_v)
-            g = k2s2 * roughness2(k_l + roughness_slope(ratio, vz, sin_v)) * hz * hz
-            d = scale * poisson_sum(g, 0.25 * k2t2 * (hx * hx + hy * hy))
+            s_v = shadowed(ratio, vz, sin_v)
+            rough = k2s2 * roughness2(k_l + roughness_slope(ratio, vz, sin_v))
             u = v_dot_h(hx, hy, hz)
-            u2 = u * u
-            geometry = 16.0 * u2 * u2 / (hz * hz)
-            factor = fresnel(f_code, f_a, f_b, f_c, u)
-            out[j, i] = factor * geometry * shadow * d / (math.pi * lz * vz)
+            # G D has the series over h_z^2, and h_z^2 in its g.
+            less = (
+                one_less_v_dot_h(lx, ly, lz, wo[0, j, i], wo[1, j, i], vz, u) if careful else -1.0
+            )
+            factor = fresnel(f_code, f_a, f_b, f_c, u, less) * scale * rough / math.pi
+            out[j, i] = poisson_series(
+                *(rough * hz * hz, 0.25 * k2t2 * (hx * hx + hy * hy)),
+                *(4.0 * u * u * math.sqrt(max(factor, 0.0)) * math.sqrt(s_l), math.sqrt(s_v)),
+            )
 
 
 @kernel
@@ -158,7 +206,7 @@ def fill_diffuse(wi, wo, h, p, out):
 def mirror_share(c, p):
     """F e^-g S at the mirror direction: the energy of the Dirac part."""
     s = math.sqrt((1.0 - c) * (1.0 + c))
-    shadow = shadowing(p[0], c, s)
+    shadow = c * shadowed(p[0], c, s)
     g = p[1] * roughness2(2.0 * roughness_slope(p[0], c, s)) * 4.0 * c * c
     return fresnel(int(p[5]), p[6], p[7], p[8], c) * math.exp(-g) * shadow * shadow
 
@@ -227,5 +275,8 @@ class HeTorrance(FresnelChoice):
         return directions[None], share[None]
 
     def grazing_albedo(self) -> float:
-        """Only a_ud: the roughness that is seen falls to 0, and with it e^-g -> 1 but S -> 0."""
+        """Only a_ud: the roughness that is seen falls to 0, and with it e^-g -> 1 but S -> 0.
+
+        The rest falls as slowly as 1/ln(1/n.l): by default it is 0.0026 at 1e-12, 0.0017 at 1e-18.
+        """
         return float(self.a_ud)

@@ -7,7 +7,7 @@ import math
 from albedo._compile import kernel
 from albedo.brdf import Choice, Model, Part, Real
 from albedo.catalogue._phong import mirror_chart, mirror_width
-from albedo.geometry import cosine_power, mirror_offset2
+from albedo.geometry import cosine_root, divided, mirror_root
 from albedo.sampling.routines import axis_power, mirror_power
 
 
@@ -18,16 +18,17 @@ def fill(wi, wo, h, p, out):
         lx, ly, lz = wi[0, j], wi[1, j], wi[2, j]
         n, c, stretch, retro = p[j, 0], p[j, 1], p[j, 2], p[j, 3]
         for i in range(out.shape[1]):
-            vz = wo[2, j, i]
+            vx, vy, vz = wo[0, j, i], wo[1, j, i], wo[2, j, i]
             if retro > 0.0:
-                dx, dy, dz = lx - wo[0, j, i], ly - wo[1, j, i], lz - vz
-                d2 = dx * dx + dy * dy + dz * dz
+                dx, dy, dz = lx - vx, ly - vy, lz - vz
+                root = cosine_root(dx * dx + dy * dy + dz * dz, lx * vx + ly * vy + lz * vz, n)
             else:
-                d2 = mirror_offset2(lx, ly, lz, h[0, j, i], h[1, j, i], h[2, j, i], vz)
+                hx, hy, hz = h[0, j, i], h[1, j, i], h[2, j, i]
+                root = mirror_root(lx, ly, lz, vx, vy, vz, hx, hy, hz, n)
             larger = max(lz, vz)
             if stretch != 1.0:
                 larger = larger**stretch
-            out[j, i] = c * cosine_power(d2, n) / larger
+            out[j, i] = divided(c, root, larger, 1.0)
 
 
 class MaxPhong(Model):

@@ -8,7 +8,7 @@ from albedo._compile import kernel
 from albedo.brdf import Model, Part, Real
 from albedo.catalogue._phong import mirror_chart, mirror_width
 from albedo.charts.polar import PolarChart
-from albedo.geometry import cosine_power, mirror_offset2
+from albedo.geometry import along_azimuth, divided, mirror_root
 
 
 @kernel
@@ -18,11 +18,11 @@ def fill(wi, wo, h, p, out):
         lx, ly, lz = wi[0, j], wi[1, j], wi[2, j]
         n_u, n_v, c = p[j, 0], p[j, 1], p[j, 2]
         for i in range(out.shape[1]):
-            hx, hy, vz = h[0, j, i], h[1, j, i], wo[2, j, i]
-            t2 = hx * hx + hy * hy
-            n = (n_u * hx * hx + n_v * hy * hy) / t2 if t2 > 0.0 else n_u
-            d2 = mirror_offset2(lx, ly, lz, hx, hy, h[2, j, i], vz)
-            out[j, i] = c * cosine_power(d2, n) / max(lz, vz)
+            hx, hy, hz = h[0, j, i], h[1, j, i], h[2, j, i]
+            vx, vy, vz = wo[0, j, i], wo[1, j, i], wo[2, j, i]
+            n = along_azimuth(n_u, n_v, hx, hy)
+            root = mirror_root(lx, ly, lz, vx, vy, vz, hx, hy, hz, n)
+            out[j, i] = divided(c, root, max(lz, vz), 1.0)
 
 
 class MaxPhongAnisotropic(Model):

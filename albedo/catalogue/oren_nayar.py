@@ -7,6 +7,7 @@ import math
 from albedo._compile import kernel
 from albedo.brdf import Model, Part, Real
 from albedo.catalogue._oren_nayar import CHART, spread
+from albedo.catalogue.lambert import Lambert
 
 
 @kernel
@@ -19,7 +20,7 @@ def fill(wi, wo, h, p, out):
         lx, ly, lz, a, b = wi[0, j], wi[1, j], wi[2, j], p[j, 0], p[j, 1]
         for i in range(out.shape[1]):
             s = lx * wo[0, j, i] + ly * wo[1, j, i]
-            out[j, i] = a + b * (max(0.0, s) / max(lz, wo[2, j, i]))
+            out[j, i] = a + b * max(0.0, s) / max(lz, wo[2, j, i])
 
 
 class OrenNayar(Model):
@@ -56,6 +57,10 @@ class OrenNayar(Model):
         masked, lobe = spread(self.sigma)
         scale = self.rho / math.pi
         return (scale * (1.0 - 0.5 * masked), scale * 0.45 * lobe)
+
+    def simpler(self) -> dict[str, Model]:
+        """Lambert's law, with the albedo of the facets."""
+        return {"roughness": Lambert(rho=self.rho)}
 
     def parts(self) -> tuple[Part, ...]:
         return (Part("diffuse", fill, CHART),)

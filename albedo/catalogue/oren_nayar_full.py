@@ -7,6 +7,8 @@ import math
 from albedo._compile import kernel
 from albedo.brdf import Model, Part, Real
 from albedo.catalogue._oren_nayar import CHART, interreflection, spread
+from albedo.catalogue.lambert import Lambert
+from albedo.catalogue.oren_nayar import OrenNayar
 from albedo.charts.dark import DarkChart, opposite
 
 # What C_3 adds at grazing incidence, and C_2, over s^2/(s^2 + 0.09): integrals over beta.
@@ -90,6 +92,14 @@ class OrenNayarFull(Model):
         masked, lobe = spread(self.sigma)
         second = self.rho * interreflection(self.sigma)
         return (self.rho / math.pi, 1.0 - 0.5 * masked, lobe, second)
+
+    def simpler(self) -> dict[str, Model]:
+        """The qualitative model, and Lambert's law, with the albedo of the facets."""
+        qualitative = OrenNayar(rho=self.rho, sigma=self.sigma)
+        return {
+            "the full model's terms": qualitative,
+            "roughness": Lambert(rho=self.rho),
+        }
 
     def parts(self) -> tuple[Part, ...]:
         _, c_1, lobe, second = self.pack()

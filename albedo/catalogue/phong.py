@@ -7,7 +7,7 @@ import math
 from albedo._compile import kernel
 from albedo.brdf import Model, Part, Real
 from albedo.catalogue._phong import mirror_chart, mirror_width
-from albedo.geometry import cosine_power, mirror_offset2
+from albedo.geometry import mirror_root
 from albedo.sampling.routines import mirror_power
 
 
@@ -18,8 +18,10 @@ def fill(wi, wo, h, p, out):
         lx, ly, lz = wi[0, j], wi[1, j], wi[2, j]
         n, scale = p[j, 0], p[j, 1]
         for i in range(out.shape[1]):
-            d2 = mirror_offset2(lx, ly, lz, h[0, j, i], h[1, j, i], h[2, j, i], wo[2, j, i])
-            out[j, i] = scale * cosine_power(d2, n)
+            vx, vy, vz = wo[0, j, i], wo[1, j, i], wo[2, j, i]
+            hx, hy, hz = h[0, j, i], h[1, j, i], h[2, j, i]
+            root = mirror_root(lx, ly, lz, vx, vy, vz, hx, hy, hz, n)
+            out[j, i] = scale * root * root
 
 
 class Phong(Model):

@@ -13,7 +13,7 @@ from albedo.brdf import Choice, Model, Part, Real
 from albedo.catalogue.blinn import normalization
 from albedo.charts.groove import GrooveChart
 from albedo.errors import InputError
-from albedo.geometry import normal_power, slope2
+from albedo.geometry import log_secant2, normal_root
 
 # Gauss-Legendre rule on [0, 1] for each half of an arc; its error is below 1e-15 for e <= 1000.
 _X, _W = np.polynomial.legendre.leggauss(32)
@@ -149,7 +149,7 @@ def fill_specular(wi, wo, h, p, out):
             same = ly * vy >= 0.0
             other = eta_v - away if same else eta_v - towards
             hx, hy, hz = h[0, j, i], h[1, j, i], h[2, j, i]
-            log_scale = -0.5 * math.log1p(hx * hx / (hy * hy + hz * hz))
+            log_scale = -0.5 * log_secant2(hx, 0.0, math.hypot(hy, hz))
             # Sides are L's; V's where L stands upright.
             side = 1.0 if ly > 0.0 or (ly == 0.0 and vy >= 0.0) else -1.0
             with_l = side * hy >= 0.0
@@ -158,8 +158,8 @@ def fill_specular(wi, wo, h, p, out):
                 *(eta_l - away, with_l, other, with_l == same),
                 *(start_h, away + towards, e, log_scale),
             )
-            lobe = normal_power(slope2(hx, hy, hz), e)
-            out[j, i] = k_s / spacing * (arc / sin_l / sin_v + lobe * floor)
+            root = normal_root(hx, hy, hz, e)
+            out[j, i] = k_s / spacing * (arc / sin_l / sin_v + root * root * floor)
 
 
 class PoulinFournier(Model):

@@ -13,18 +13,16 @@ from albedo.brdf import Choice, Color, Model, Part, Real
 from albedo.charts.cosine import CosineChart
 from albedo.charts.polar import PolarChart
 from albedo.charts.tail_rings import TailRingsChart
-from albedo.fresnel import schlick
-from albedo.geometry import v_dot_h
+from albedo.fresnel import CAREFUL, schlick, schlick_rest
+from albedo.geometry import along_azimuth, capped_slopes, one_less_v_dot_h, v_dot_h
 
 
 @kernel
-def spectral(p, second, u):
+def spectral(p, second, u, less):
     """S(u) of the first layer, or (1 - S(u)) S'(u) of what the second one gets (Schwenk eq. 48)."""
     if not second:
-        return schlick(p[2], u)
-    # 1 - (1 - u)^5, expanded: nothing cancels.
-    rest = u * (5.0 + u * (-10.0 + u * (10.0 + u * (-5.0 + u))))
-    return (1.0 - p[2]) * rest * schlick(p[8], u)
+        return schlick(p[2], u, less)
+    return (1.0 - p[2]) * schlick_rest(u) * schlick(p[8], u, less)
 
 
 @kernel
@@ -37,10 +35,7 @@ def zenith(r, tan2):
 @kernel
 def azimuth(p, published, hx, hy):
     """A(w) = sqrt(p/(p^2 - p^2 w^2 + w^2)), w the cosine of h's azimuth; or without the root."""
-    t2 = hx * hx + hy * hy
-    w2 = hx * hx / t2 if t2 > 0.0 else 1.0
-    rest = hy * hy / t2 if t2 > 0.0 else 0.0
-    a = p / (p * p * rest + w2)
+    a = p / along_azimuth(1.0, p * p, hx, hy)
     return math.sqrt(a) if published else a
 
 
@@ -54,27 +49,36 @@ def unmasked(r, v):
 def lobe(wi, wo, h, p, out, first):
     """f = S b G Z A/(4 pi v v') of the layer whose numbers start at `first`; G = 1 if plain."""
     for j in range(out.shape[0]):
-        lz, plain, published = wi[2, j], p[j, 12] > 0.0, p[j, 13] > 0.0
+        lx, ly, lz = wi[0, j], wi[1, j], wi[2, j]
+        plain, published = p[j, 12] > 0.0, p[j, 13] > 0.0
+        careful = (p[j, 8] if first > 0 else p[j, 2]) < CAREFUL
         r, isotropy, b = p[j, first], p[j, first + 1], p[j, first + 4]
-        g_l = 1.0 / lz if plain else unmasked(r, lz)
+        g_l = 1.0 if plain else unmasked(r, lz)
         for i in range(out.shape[1]):
             vz = wo[2, j, i]
-            if vz <= 0.0:
+            if min(lz, vz) <= 0.0:
                 out[j, i] = 0.0
                 continue
             hx, hy, hz = h[0, j, i], h[1, j, i], h[2, j, i]
-            x, y = hx / hz, hy / hz
-            g = g_l * (1.0 / vz if plain else unmasked(r, vz))
+            x, y = capped_slopes(hx, hy, hz)
+            g = g_l if plain else g_l * unmasked(r, vz)
             za = zenith(r, x * x + y * y) * azimuth(isotropy, published, hx, hy)
-            s = spectral(p[j], first > 0, v_dot_h(hx, hy, hz))
-            out[j, i] = s * b * g * za / (4.0 * math.pi)
+            u = v_dot_h(hx, hy, hz)
+            less = (
+                one_less_v_dot_h(lx, ly, lz, wo[0, j, i], wo[1, j, i], vz, u) if careful else -1.0
+            )
+            s = spectral(p[j], first > 0, u, less)
+            value = s * b / (4.0 * math.pi) * g * za
+            out[j, i] = value / lz / vz if plain else value
 
 
 @kernel
 def broad(wi, wo, h, p, out, first):
     """f = S (a + c (1 - G) A~)/pi of the layer whose numbers start at `first`."""
     for j in range(out.shape[0]):
-        lz, published, turned = wi[2, j], p[j, 13] > 0.0, p[j, 14] > 0.0
+        lx, ly, lz = wi[0, j], wi[1, j], wi[2, j]
+        published, turned = p[j, 13] > 0.0, p[j, 14] > 0.0
+        careful = (p[j, 8] if first > 0 else p[j, 2]) < CAREFUL
         r, isotropy, a, c = p[j, first], p[j, first + 1], p[j, first + 3], p[j, first + 5]
         g_l = lz * unmasked(r, lz)
         for i in range(out.shape[1]):
@@ -83,8 +87,11 @@ def broad(wi, wo, h, p, out, first):
             lost = r * (1.0 - lz) * unmasked(r, lz) + g_l * r * (1.0 - vz) * unmasked(r, vz)
             if turned:
                 lost *= azimuth(isotropy, published, hx, hy)
-            s = spectral(p[j], first > 0, v_dot_h(hx, hy, hz))
-            out[j, i] = s * (a + c * lost) / math.pi
+            u = v_dot_h(hx, hy, hz)
+            less = (
+                one_less_v_dot_h(lx, ly, lz, wo[0, j, i], wo[1, j, i], vz, u) if careful else -1.0
+            )
+            out[j, i] = spectral(p[j], first > 0, u, less) * (a + c * lost) / math.pi
 
 
 @kernel
@@ -250,5 +257,5 @@ class Schlick(Model):
         p = np.array(self.pack())
         total = np.zeros(len(wi))
         for k, g in enumerate(shares):
-            total += g * np.array([spectral(p, k > 0, c) for c in wi[:, 2]])
+            total += g * np.array([spectral(p, k > 0, c, 1.0 - c) for c in wi[:, 2]])
         return (wi * np.array([-1.0, -1.0, 1.0]))[None], np.where(wi[:, 2] > 0.0, total, 0.0)[None]

@@ -13,8 +13,8 @@ from albedo.brdf import Choice, Color, Model, Part, Real
 from albedo.catalogue._blinn import slope_chart, slope_width
 from albedo.charts.cosine import CosineChart
 from albedo.errors import InputError
-from albedo.fresnel import schlick
-from albedo.geometry import normal_power, slope2, v_dot_h
+from albedo.fresnel import CAREFUL, schlick, schlick_rest
+from albedo.geometry import divided, normal_root, one_less_v_dot_h, v_dot_h
 from albedo.sampling.routines import normal_powers
 
 LUMINANCE = (0.2126, 0.7152, 0.0722)
@@ -30,13 +30,16 @@ def exponent(s: float) -> float:
 def fill_specular(wi, wo, h, p, out):
     """f = k_s s^2/(v.h) F(v.h, F0) (n.h)^e; simpler levels drop F, then 1/(v.h)."""
     for j in range(out.shape[0]):
+        lx, ly, lz = wi[0, j], wi[1, j], wi[2, j]
         e, scale, f0, level = p[j, 0], p[j, 1], p[j, 2], p[j, 3]
         for i in range(out.shape[1]):
             hx, hy, hz = h[0, j, i], h[1, j, i], h[2, j, i]
             u = v_dot_h(hx, hy, hz)
-            c_s = schlick(f0, u) if level < 1.0 else f0
-            c = scale / u if level < 2.0 else scale
-            out[j, i] = c * c_s * normal_power(slope2(hx, hy, hz), e)
+            vx, vy, vz = wo[0, j, i], wo[1, j, i], wo[2, j, i]
+            less = one_less_v_dot_h(lx, ly, lz, vx, vy, vz, u) if f0 < CAREFUL else -1.0
+            c_s = schlick(f0, u, less) if level < 1.0 else f0
+            root = normal_root(hx, hy, hz, e)
+            out[j, i] = divided(scale * c_s, root, u if level < 2.0 else 1.0, 1.0)
 
 
 @kernel
@@ -45,9 +48,11 @@ def fill_diffuse(wi, wo, h, p, out):
     for j in range(out.shape[0]):
         scale, c, metal, plastic, c_e = p[j, 4], p[j, 5], p[j, 6], p[j, 7], p[j, 8]
         for i in range(out.shape[1]):
-            f = schlick(0.04, wo[2, j, i])
+            # 1 - F = (1 - F0)(1 - (1 - u)^5).
+            vz = wo[2, j, i]
+            f, rest = schlick(0.04, vz, 1.0 - vz), 0.96 * schlick_rest(vz)
             # What is metal reflects C C_e, plastic (1 - F) C + F C_e.
-            out[j, i] = scale * (metal + plastic * ((1.0 - f) * c + f * c_e))
+            out[j, i] = scale * (metal + plastic * (rest * c + f * c_e))
 
 
 class Schwenk(Model):
@@ -135,6 +140,19 @@ class Schwenk(Model):
             *(exponent(s), scale * self.parameters.get("k_s", 0.0) * s * s, f0, float(self.level)),
             *(scale * self._diffuse, c, (1.0 - r) * c + r * m * c * c_e, r * (1.0 - m), c_e),
         )
+
+    def simpler(self) -> dict[str, Model]:
+        """The levels of simplification that are left (Schwenk, sect. 4.2.4)."""
+        found = super().simpler()
+        names = ("the Fresnel factor", "1/(v.h)", "the luminance", "the lobe")
+        # What a level does not use must not be given to it.
+        for step in range(int(self.level), len(names)):
+            dropped = {3: ("clamp",), 4: ("clamp", "k_s")}.get(step + 1, ())
+            kept = {k: v for k, v in self.parameters.items() if k not in (*dropped, "level")}
+            *others, last = names[int(self.level) : step + 1]
+            label = ", ".join(others) + " and " * bool(others) + last
+            found[label] = type(self)(**kept, level=str(step + 1))
+        return found
 
     def parts(self) -> tuple[Part, ...]:
         parts = [Part("diffuse", fill_diffuse, CosineChart())]

@@ -11,10 +11,10 @@ import numpy as np
 from albedo._compile import kernel
 from albedo.brdf import Choice, Part, Real
 from albedo.catalogue._fresnel import SOURCES_OF_FACTORS, FresnelChoice
-from albedo.catalogue.he_torrance import poisson_sum
+from albedo.catalogue.he_torrance import poisson_series
 from albedo.charts.polar import PolarChart
-from albedo.fresnel import fresnel
-from albedo.geometry import v_dot_h
+from albedo.fresnel import fresnel, is_careful
+from albedo.geometry import one_less_v_dot_h, v_dot_h
 
 
 @kernel
@@ -25,19 +25,26 @@ def fill(wi, wo, h, p, out):
     g = (k w sigma)^2 and (u, v) is the tangential part of l + v.
     """
     for j in range(out.shape[0]):
-        lz = wi[2, j]
+        lx, ly, lz = wi[0, j], wi[1, j], wi[2, j]
         k2s2, x2, y2, scale = p[j, 0], p[j, 1], p[j, 2], p[j, 3]
         f_code, f_a, f_b, f_c = int(p[j, 4]), p[j, 5], p[j, 6], p[j, 7]
+        careful = is_careful(f_code, f_a)
         for i in range(out.shape[1]):
             vz = wo[2, j, i]
-            if vz <= 0.0:
+            if min(lz, vz) <= 0.0:
                 out[j, i] = 0.0
                 continue
             hx, hy, w = h[0, j, i], h[1, j, i], h[2, j, i]
             u = v_dot_h(hx, hy, w)
-            s_p = poisson_sum(k2s2 * w * w, 0.25 * (x2 * hx * hx + y2 * hy * hy))
-            straight = (2.0 * u * u / w) ** 2
-            out[j, i] = scale * fresnel(f_code, f_a, f_b, f_c, u) * straight * s_p / (lz * vz)
+            less = (
+                one_less_v_dot_h(lx, ly, lz, wo[0, j, i], wo[1, j, i], vz, u) if careful else -1.0
+            )
+            factor = scale * k2s2 * max(fresnel(f_code, f_a, f_b, f_c, u, less), 0.0)
+            # S_p/w^2 has the series over g, and w^2 in its g.
+            out[j, i] = poisson_series(
+                *(k2s2 * w * w, 0.25 * (x2 * hx * hx + y2 * hy * hy)),
+                *(2.0 * u * u * math.sqrt(factor) / math.sqrt(lz), 1.0 / math.sqrt(vz)),
+            )
 
 
 class StamGaussian(FresnelChoice):

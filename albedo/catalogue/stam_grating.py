@@ -79,16 +79,22 @@ def fill(wi: np.ndarray, wo: np.ndarray, h: np.ndarray, p: np.ndarray, out: np.n
     lz, vz, (u, v, w) = wi[2][:, None], wo[2], h
     nearest = np.rint(u / step)
     total = np.zeros_like(w)
+    v_h = np.minimum(0.5 * np.hypot(np.hypot(u, v), w), 1.0)
+    # All orders but the mirror's vanish as w does: over w they are what they are at any small w.
+    some = np.maximum(w, 1e-100)
     reach = math.ceil(REACH * float((sigma / step).max()))
     for more in range(-reach, reach + 1):
         n = nearest + more
         height = np.exp(-0.5 * (((u - n * step) / sigma) ** 2 + (v / sigma) ** 2))
         seen = height > 0.0
         if seen.any():
-            phase = np.broadcast_to(wave * w, w.shape)[seen]
+            mirror = n[seen] == 0
+            phase = np.broadcast_to(wave * some, w.shape)[seen]
             shape = np.broadcast_to(duty, w.shape)[seen]
-            total[seen] += strengths(n[seen], phase, shape) * height[seen]
-    v_h = np.minimum(0.5 * np.sqrt(u * u + v * v + w * w), 1.0)
+            share = strengths(n[seen], phase, shape) * height[seen]
+            with np.errstate(over="ignore", invalid="ignore"):
+                straight = 2.0 * v_h[seen] * (v_h[seen] / np.where(mirror, w[seen], some[seen]))
+                total[seen] += np.where(share > 0.0, share * straight * straight, 0.0)
     factor = np.empty(w.shape)
     for code in np.unique(p[:, 4]).tolist():
         rows = p[:, 4] == code
@@ -96,10 +102,10 @@ def fill(wi: np.ndarray, wo: np.ndarray, h: np.ndarray, p: np.ndarray, out: np.n
         numbers = (np.repeat(p[rows, i], w.shape[1]) for i in (5, 6, 7))
         fill_factors(int(code), *numbers, v_h[rows].ravel(), found)
         factor[rows] = found.reshape(-1, w.shape[1])
-    straight = (2.0 * v_h * v_h / w) ** 2
-    with np.errstate(divide="ignore", invalid="ignore"):
-        values = factor * straight * total / (lz * vz * 2.0 * math.pi * sigma * sigma)
-    out[:] = np.where((lz > 0.0) & (vz > 0.0), values, 0.0)
+    with np.errstate(all="ignore"):
+        values = factor * total / (2.0 * math.pi * sigma * sigma) / lz / vz
+    seen = (lz > 0.0) & (vz > 0.0) & (factor * total > 0.0)
+    out[:] = np.where(seen, values, 0.0)
 
 
 class StamGrating(FresnelChoice):

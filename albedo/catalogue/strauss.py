@@ -10,7 +10,7 @@ from albedo.brdf import Choice, Color, Model, Part, Real
 from albedo.catalogue._phong import mirror_chart, mirror_width
 from albedo.charts.cosine import CosineChart
 from albedo.charts.parallels import ParallelsChart
-from albedo.geometry import cosine_power, mirror_offset2
+from albedo.geometry import divided, mirror_root
 from albedo.sampling.routines import mirror_power
 
 SMOOTHEST = 0.999
@@ -60,13 +60,14 @@ def fill_specular(wi, wo, h, p, out):
         f = edge_reflection(math.atan2(sin_l, lz) * (2.0 / math.pi))
         both = f * edge_shadow(math.atan2(lz, sin_l) * (2.0 / math.pi))
         # C_s = 1 + m (1 - F)(C - 1), as a sum of what is not negative.
-        c_s = scale * (white + tinted * f) / lz
+        c_s = scale * (white + tinted * f)
         for i in range(out.shape[1]):
-            vz = wo[2, j, i]
-            seen = edge_shadow(math.atan2(vz, math.hypot(wo[0, j, i], wo[1, j, i])) * 2.0 / math.pi)
+            vx, vy, vz = wo[0, j, i], wo[1, j, i], wo[2, j, i]
+            seen = edge_shadow(math.atan2(vz, math.hypot(vx, vy)) * 2.0 / math.pi)
             r_j = min(1.0, r_n + (r_n + 0.1) * both * seen)
-            d2 = mirror_offset2(lx, ly, lz, h[0, j, i], h[1, j, i], h[2, j, i], vz)
-            out[j, i] = r_j * cosine_power(d2, e) * c_s
+            hx, hy, hz = h[0, j, i], h[1, j, i], h[2, j, i]
+            root = mirror_root(lx, ly, lz, vx, vy, vz, hx, hy, hz, e)
+            out[j, i] = divided(r_j * c_s, root, lz, 1.0)
 
 
 @kernel

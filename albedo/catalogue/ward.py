@@ -8,6 +8,7 @@ from albedo._compile import kernel
 from albedo.brdf import Choice, Model, Part, Real
 from albedo.catalogue._ward import M, alpha
 from albedo.charts.polar import PolarChart
+from albedo.geometry import slopes
 
 
 @kernel
@@ -17,16 +18,18 @@ def fill(wi, wo, h, p, out):
         lz, kx, ky, scale, fast = wi[2, j], p[j, 0], p[j, 1], p[j, 2], p[j, 3]
         for i in range(out.shape[1]):
             vz = wo[2, j, i]
-            if vz <= 0.0:
+            if min(lz, vz) <= 0.0:
                 out[j, i] = 0.0
                 continue
-            x, y = h[0, j, i] / h[2, j, i], h[1, j, i] / h[2, j, i]
+            x, y, _ = slopes(h[0, j, i], h[1, j, i], h[2, j, i])
             a = x * x * kx + y * y * ky
             if fast > 0.0:
                 # 2/(1 + n.h) with h normalised, in slopes: n.h = 1/sqrt(q).
                 q = 1.0 + x * x + y * y
                 a *= 2.0 / (q + math.sqrt(q))
-            out[j, i] = scale * math.exp(-a) / math.sqrt(lz * vz)
+            # Root by root: what is above or below the range of numbers alone need not be in all.
+            root = math.exp(-0.5 * a)
+            out[j, i] = (scale * root / math.sqrt(lz)) * (root / math.sqrt(vz))
 
 
 class Ward(Model):

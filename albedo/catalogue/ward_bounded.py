@@ -8,6 +8,7 @@ from albedo._compile import kernel
 from albedo.brdf import Model, Part, Real
 from albedo.catalogue._ward import M, alpha
 from albedo.charts.polar import PolarChart
+from albedo.geometry import divided, slopes
 
 
 @kernel
@@ -17,9 +18,9 @@ def fill(wi, wo, h, p, out):
         kx, ky, scale = p[j, 0], p[j, 1], p[j, 2]
         for i in range(out.shape[1]):
             hz = h[2, j, i]
-            x, y = h[0, j, i] / hz, h[1, j, i] / hz
-            e = scale * math.exp(-(x * x * kx + y * y * ky))
-            out[j, i] = e * (1.0 + x * x + y * y) / (hz * hz)
+            x, y, _ = slopes(h[0, j, i], h[1, j, i], hz)
+            root = math.exp(-0.5 * (x * x * kx + y * y * ky))
+            out[j, i] = divided(scale, root * math.sqrt(1.0 + x * x + y * y), hz, hz)
 
 
 class WardBounded(Model):

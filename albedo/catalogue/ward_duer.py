@@ -8,6 +8,7 @@ from albedo._compile import kernel
 from albedo.brdf import Model, Part, Real
 from albedo.catalogue._ward import M, alpha
 from albedo.charts.polar import PolarChart
+from albedo.geometry import divided, slopes
 
 
 @kernel
@@ -17,11 +18,9 @@ def fill(wi, wo, h, p, out):
         lz, kx, ky, scale = wi[2, j], p[j, 0], p[j, 1], p[j, 2]
         for i in range(out.shape[1]):
             vz = wo[2, j, i]
-            if vz <= 0.0:
-                out[j, i] = 0.0
-                continue
-            x, y = h[0, j, i] / h[2, j, i], h[1, j, i] / h[2, j, i]
-            out[j, i] = scale * math.exp(-(x * x * kx + y * y * ky)) / (lz * vz)
+            x, y, _ = slopes(h[0, j, i], h[1, j, i], h[2, j, i])
+            root = math.exp(-0.5 * (x * x * kx + y * y * ky))
+            out[j, i] = divided(scale, root, lz, vz)
 
 
 class WardDuer(Model):

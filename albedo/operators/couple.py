@@ -198,6 +198,16 @@ class Coupled(Model):
         share = float(self.parameters["diffuse_albedo"])
         return part_of_lost(self.specular, share, 0.0, self.rtol)
 
+    def simpler(self) -> dict[str, Model]:
+        """Lambert's diffuse term; and what the specular model may leave out."""
+        from albedo.catalogue.lambert import Lambert
+
+        found: dict[str, Model] = {}
+        if self.diffuse_albedo > 0.0:
+            lambert = Lambert(rho=self.diffuse_albedo)
+            found["the coupling of the diffuse term"] = self.specular + lambert
+        return found
+
     def parts(self) -> tuple[Part, ...]:
         return with_part(self.specular, self._diffuse)
 

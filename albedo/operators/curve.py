@@ -28,6 +28,8 @@ _TRUST = 8.0
 # What errors at the nodes may come to between them: the Lebesgue constant of 16 Chebyshev nodes.
 _LEBESGUE = 2.8
 # Pieces are halved at most so often: at grazing incidence, float64 has no use for more.
+# Length of a piece times its distance from the normal, above which cosines of nodes all differ.
+_TOLD_APART = 1e-11
 _DEEPEST = 64
 # So many pieces tell nothing that fewer would not: their bounds are what they are.
 _MOST = 2048
@@ -190,7 +192,9 @@ def albedo_curve(
         # What may be due to the errors of the albedos, and did not fall by halving, will not fall.
         noise = (1.0 + _LEBESGUE) * own + rounding
         stuck = (seen <= own) | ((seen <= noise) & (seen > 0.1 * seen_before))
-        done = (bound <= goal) | stuck
+        # Next to the normal cosines are too coarse for the nodes of a half.
+        far = np.where(ends[:, 1] > _MIDDLE, 2.0 * _MIDDLE - ends[:, 0], 1.0)
+        done = (bound <= goal) | stuck | (0.25 * far * size[:, 0] < _TOLD_APART)
         if depth == _DEEPEST or len(pieces) + 2 * len(active) > _MOST:
             done[:] = True
         pieces += [

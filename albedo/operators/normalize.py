@@ -21,6 +21,7 @@ from albedo.quadrature import albedo_rows
 _COARSE = 1e-5
 # The neighbourhood: what is smaller by less than this share, which samples of a piece do not miss.
 _NEAR = 1e-3
+_NARROWEST = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +77,8 @@ def largest_albedo(model: Model) -> tuple[float, float]:
     coarse = albedo_curve(model, atol=_COARSE * _typical(model))
     place, top = coarse.maximum()
     first, last = _surroundings(coarse, place, top)
+    # Cosines next to the normal cannot tell the nodes of a narrower interval apart.
+    first = max(0.0, min(first, last - _NARROWEST))
     fine = albedo_curve(model, first=first, last=last, atol=4e-13 * top)
     value = fine.maximum()[1]
     return value, float(fine.bound().max()) / value

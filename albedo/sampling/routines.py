@@ -19,7 +19,7 @@ from typing import Any
 
 from albedo._compile import kernel
 from albedo.geometry import cosine_power, mirror_offset2, normal_power
-from albedo.microfacet import distribution, smith_lambda
+from albedo.microfacet import distribution, hidden_cosine
 
 _PI = math.pi
 # Slopes beyond this are those of half vectors in the horizon: no density reaches there.
@@ -278,7 +278,7 @@ def _visible_density(wi, wo, h, q, out):
         scale, kx, ky = 1.0 / (_PI * ax * ay), 1.0 / (ax * ax), 1.0 / (ay * ay)
         lx, ly, lz = wi[0, k], wi[1, k], wi[2, k]
         # n.l (1 + Lambda) stays a number at grazing incidence.
-        seen = 0.25 / (lz * (1.0 + smith_lambda(code, ax * ax, ay * ay, lx, ly, lz)))
+        seen = 0.25 / (lz + hidden_cosine(2, code, ax * ax, ay * ay, lx, ly, lz))
         for i in range(out.shape[1]):
             hx, hy, hz = h[0, k, i], h[1, k, i], h[2, k, i]
             out[k, i] = 0.0
