@@ -9,7 +9,6 @@ in slopes.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +19,7 @@ import albedo
 from albedo import plotting
 from albedo.analysis import stability
 from albedo.analysis.precise import evaluate, precise
+from albedo.analysis.printed import FORMULAS
 from albedo.errors import InputError
 from albedo.estimate import format_value
 from albedo.grammar import parse
@@ -47,46 +47,6 @@ LABELS = {
     "float64": "float64, half vector known",
     "raw": "float64, raw directions",
     "float32": "float32",
-}
-
-
-def n_dot_h(wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
-    h = wi + wo
-    return h[..., 2] / np.sqrt((h * h).sum(-1))
-
-
-def ward_printed(wi: np.ndarray, wo: np.ndarray, m: float) -> np.ndarray:
-    """exp(-tan^2/m^2)/(4 pi m^2 sqrt(n.l n.v)), tan^2 = 1/(n.h)^2 - 1."""
-    c = n_dot_h(wi, wo)
-    root = np.sqrt(wi[..., 2] * wo[..., 2])
-    return np.exp(-(1.0 / (c * c) - 1.0) / (m * m)) / (4.0 * math.pi * m * m * root)
-
-
-def schlick_printed(wi: np.ndarray, wo: np.ndarray, m: float) -> np.ndarray:
-    """Z = r/(1 + r t^2 - t^2)^2, t = n.h (Schwenk eq. 50), r = m^2."""
-    t, r = n_dot_h(wi, wo), m * m
-    z = r / (1.0 + r * t * t - t * t) ** 2
-    return z / (4.0 * math.pi * wi[..., 2] * wo[..., 2])
-
-
-def phong_printed(wi: np.ndarray, wo: np.ndarray, m: float) -> np.ndarray:
-    """(n + 2)/(2 pi) (r.v)^n, r.v = 2 (n.l)(n.v) - l.v, n = 2/m^2."""
-    n = 2.0 / (m * m)
-    r_v = 2.0 * wi[..., 2] * wo[..., 2] - (wi * wo).sum(-1)
-    return (n + 2.0) / (2.0 * math.pi) * np.maximum(r_v, 0.0) ** n
-
-
-def blinn_printed(wi: np.ndarray, wo: np.ndarray, m: float) -> np.ndarray:
-    """(n.h)^n, n = 2/m^2."""
-    return n_dot_h(wi, wo) ** (2.0 / (m * m)) / (2.0 * math.pi)
-
-
-# Formula as printed, the model that has the same lobe in slopes or distances, and its narrowest.
-FORMULAS: dict[str, tuple[Callable[..., np.ndarray], Callable[[float], str], float]] = {
-    "Ward": (ward_printed, lambda m: f"ward:m={m:g}", 1e-8),
-    "Schlick's Z": (schlick_printed, lambda m: f"schlick:roughness={m * m:.17g}", 1e-8),
-    "Phong": (phong_printed, lambda m: f"phong:n={2.0 / (m * m):.17g}", 1e-4),
-    "Blinn": (blinn_printed, lambda m: f"blinn:n={2.0 / (m * m):.17g}", 1e-4),
 }
 
 
@@ -153,12 +113,12 @@ def all_models(context: Context) -> tuple[dict[str, pd.DataFrame], dict[str, str
 def formulas(context: Context) -> pd.DataFrame:
     """Digits lost by formulas as printed and by the models, within two and a half widths."""
     rows = []
-    for label, (function, spec, narrowest) in FORMULAS.items():
-        for m in (m for m in WIDTHS if m >= narrowest):
+    for label, printed in FORMULAS.items():
+        for m in (m for m in WIDTHS if m >= printed.narrowest):
             context.progress(0, 1, f"{label} as printed, width {m:g}")
 
-            naive = albedo.model_from(partial(function, m=m), lobe="half", width=m)
-            for form, model in (("printed", naive), ("slopes", parse(spec(m)).model())):
+            naive = albedo.model_from(partial(printed.function, m=m), lobe="half", width=m)
+            for form, model in (("printed", naive), ("slopes", parse(printed.spec(m)).model())):
                 found = stability.measure([({}, model)], cosines=(0.9, 0.5, 0.1))
                 near = found[found["place"].str.contains("widths|mirror")]
                 lost = stability.worst(near).set_index("way")["lost"]

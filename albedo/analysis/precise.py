@@ -12,12 +12,12 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
-from types import FunctionType, SimpleNamespace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-from albedo._compile import is_kernel
+from albedo._compile import is_kernel, translated
 from albedo.brdf import Model, Part
 from albedo.errors import InputError
 
@@ -119,14 +119,7 @@ def rebuilt(kernel: Any, arithmetic: Arithmetic) -> Callable[..., Any]:
     InputError
         For what is no kernel of plain arithmetic.
     """
-    source = kernel.py_func
-    names: dict[str, Any] = {"__builtins__": __builtins__}
-    for name in source.__code__.co_names:
-        if name in source.__globals__:
-            names[name] = _translated(source.__globals__[name], arithmetic)
-    if source.__closure__:
-        raise InputError(f"the kernel {source.__qualname__} holds values of its own")
-    return FunctionType(source.__code__, names, source.__name__, source.__defaults__)
+    return translated(kernel, lambda value: _translated(value, arithmetic))
 
 
 def _translated(value: Any, arithmetic: Arithmetic) -> Any:
@@ -167,21 +160,29 @@ def evaluate(
     """
     if function := vars(model).get("function"):
         return _of_function(model, function, wi, wo, arithmetic)
-    packed = np.array([model.pack()], dtype=np.float64)
     found: np.ndarray = np.full(len(wi), arithmetic.number(0.0), dtype=arithmetic.dtype)
     for part in model.parts():
-        fill = _fill(model, part, arithmetic)
-        p = arithmetic.array(part.packed(packed))
-        scale = arithmetic.number(part.scale)
-        for k in range(len(wi)):
-            out: np.ndarray = np.empty((1, 1), arithmetic.dtype)
-            known = wi[k].reshape(3, 1), wo[k].reshape(3, 1, 1), h[k].reshape(3, 1, 1)
-            try:
-                with np.errstate(all="ignore"):
-                    fill(*known, p, out)
-                    found[k] = found[k] + scale * out[0, 0]
-            except ZeroDivisionError:
-                found[k] = arithmetic.number(math.nan)
+        found = found + evaluate_part(model, part, arithmetic, wi, wo, h)
+    return found
+
+
+def evaluate_part(
+    model: Model, part: Part, arithmetic: Arithmetic, wi: np.ndarray, wo: np.ndarray, h: np.ndarray
+) -> np.ndarray:
+    """One part of a model in another arithmetic, its factor included; see `evaluate`."""
+    fill = _fill(model, part, arithmetic)
+    p = arithmetic.array(part.packed(np.array([model.pack()], dtype=np.float64)))
+    scale = arithmetic.number(part.scale)
+    found: np.ndarray = np.empty(len(wi), arithmetic.dtype)
+    for k in range(len(wi)):
+        out: np.ndarray = np.empty((1, 1), arithmetic.dtype)
+        known = wi[k].reshape(3, 1), wo[k].reshape(3, 1, 1), h[k].reshape(3, 1, 1)
+        try:
+            with np.errstate(all="ignore"):
+                fill(*known, p, out)
+                found[k] = scale * out[0, 0]
+        except ZeroDivisionError:
+            found[k] = arithmetic.number(math.nan)
     return found
 
 
