@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import gc
 import hashlib
+import math
+import operator
 import os
 import subprocess
 import sys
@@ -17,13 +19,21 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
+from types import FunctionType, ModuleType
 from typing import Any
 
 import numba
+import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, event, sigutils, types
+from numba.core import ir as numba_ir
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler_machinery import FunctionPass, register_pass
 from numba.core.errors import TypingError
+from numba.core.untyped_passes import IRProcessing
 from numba.extending import intrinsic
+
+from albedo.errors import InputError
 
 PACKAGE = Path(__file__).resolve().parent
 
@@ -90,16 +100,20 @@ def kernel(function: Callable[..., Any], *, forceinline: bool = False) -> Callab
     callable
         The compiled function; ``.py_func`` is the plain Python one.
     """
+    return _compiled(function, "", forceinline=forceinline)
+
+
+def _compiled(function: Any, suffix: str, **options: Any) -> Any:
+    """A dispatcher whose machine code is kept in the folder of its sources, with a suffix."""
     home = Path(function.__code__.co_filename).resolve()
     inside = home.is_relative_to(PACKAGE)
     folders = (PACKAGE,) if inside or not home.is_file() else (PACKAGE, home.parent)
     # numba reads this setting when a function is decorated: set it for this one only.
     config: Any = numba.config
     before = config.CACHE_DIR
-    config.CACHE_DIR = str(cache_root() / digest(*folders))
+    config.CACHE_DIR = str(cache_root() / (digest(*folders) + suffix))
     try:
-        options = {**_OPTIONS, "forceinline": forceinline}
-        return numba.njit(cache=home.is_file(), **options)(function)
+        return numba.njit(cache=home.is_file(), **{**_OPTIONS, **options})(function)
     finally:
         config.CACHE_DIR = before
 
@@ -112,6 +126,168 @@ def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
 def is_kernel(function: Any) -> bool:
     """Whether a function has machine code that `address` can find."""
     return isinstance(function, numba.core.dispatcher.Dispatcher)
+
+
+def translated(function: Any, value_of: Callable[[Any], Any]) -> FunctionType:
+    """The source of a kernel as a plain function that finds other globals.
+
+    Parameters
+    ----------
+    function : callable
+        A kernel.
+    value_of : callable
+        Gives what stands in the place of a global that the kernel reads: another kernel, `math`,
+        a number or an array.
+
+    Returns
+    -------
+    function
+        The same code, with these globals and no others.
+
+    Raises
+    ------
+    InputError
+        For what is no kernel, or one that holds values of an enclosing function.
+    """
+    if not is_kernel(function):
+        raise InputError(f"{function!r} is no kernel: it has no source of plain arithmetic")
+    source = function.py_func
+    if source.__closure__:
+        raise InputError(f"the kernel {source.__qualname__} holds values of its own")
+    names: dict[str, Any] = {"__builtins__": __builtins__, "__name__": source.__module__}
+    for name in source.__code__.co_names:
+        if name in source.__globals__:
+            names[name] = value_of(source.__globals__[name])
+    copied = FunctionType(source.__code__, names, source.__name__, source.__defaults__)
+    copied.__qualname__ = source.__qualname__
+    return copied
+
+
+@cache
+def in_single(function: Any) -> Any:
+    """A kernel compiled anew for float32: every number in it, and in the kernels that it calls.
+
+    numba computes float32 with a float64 constant, or with an integer, in float64. Here constants
+    of the source, `math.pi` and global numbers and arrays are rounded to float32, and an integer
+    that meets a float32 becomes one. Functions of `math` are those of single precision.
+
+    Parameters
+    ----------
+    function : callable
+        A kernel; it stays what it is.
+
+    Returns
+    -------
+    callable
+        The kernel for arrays of float32, whose machine code is kept on disk as well.
+
+    Raises
+    ------
+    InputError
+        As `translated`.
+    """
+    options = {"forceinline": bool(function.targetoptions.get("forceinline"))}
+    source = translated(function, _single_value)
+    # numba's key of a cached function knows nothing of constants: another folder.
+    return _compiled(source, "-float32", pipeline_class=_SingleCompiler, **options)
+
+
+def _single_value(value: Any) -> Any:
+    """A constant or global of a kernel in float32."""
+    if is_kernel(value):
+        return in_single(value)
+    if value is math:
+        return _single_math()
+    if isinstance(value, float | np.float64):
+        # Out of range is infinite, or 0, as in any arithmetic in float32.
+        with np.errstate(over="ignore", under="ignore"):
+            return np.float32(value)
+    if isinstance(value, tuple):
+        return tuple(map(_single_value, value))
+    if isinstance(value, np.ndarray) and value.dtype == np.float64:
+        return value.astype(np.float32)
+    return value
+
+
+@cache
+def _single_math() -> ModuleType:
+    """`math` with constants in float32; its functions are compiled for what they are given."""
+    module = ModuleType("math")
+    for name, value in vars(math).items():
+        if not name.startswith("_"):
+            setattr(module, name, _single_value(value))
+    return module
+
+
+def _mixed(operation: Callable[[Any, Any], Any]) -> Any:
+    """An operator for kernels that takes an integer beside a float32 as a float32."""
+
+    @intrinsic
+    def apply(typing: Any, left: Any, right: Any) -> Any:
+        args = types.unliteral(left), types.unliteral(right)
+        integers = [isinstance(kind, types.Integer) for kind in args]
+        quotient = operation is operator.truediv and all(integers)
+        if quotient or (any(integers) and types.float32 in args):
+            args = types.float32, types.float32
+        signature = typing.resolve_function_type(operation, args, {})
+
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            return context.get_function(operation, signature)(builder, values)
+
+        return signature, generate
+
+    return apply
+
+
+_OPERATIONS = ("add", "sub", "mul", "truediv", "lt", "le", "gt", "ge", "eq", "ne")
+# Powers stay: numba multiplies them out where the exponent is a whole number in the source.
+_MIXED = {getattr(operator, name): _mixed(getattr(operator, name)) for name in _OPERATIONS}
+
+
+@register_pass(mutates_CFG=False, analysis_only=False)
+class _SinglePass(FunctionPass):
+    """Round constants to float32, and let operators take integers for such numbers."""
+
+    _name = "albedo_single"
+
+    def __init__(self) -> None:
+        FunctionPass.__init__(self)
+
+    def run_pass(self, state: Any) -> bool:
+        for block in state.func_ir.blocks.values():
+            body: list[Any] = []
+            for statement in block.body:
+                value = getattr(statement, "value", None)
+                if isinstance(value, numba_ir.Const):
+                    value.value = _single_value(value.value)
+                elif isinstance(value, numba_ir.Expr) and value.op in ("binop", "inplace_binop"):
+                    plain = value.fn if value.op == "binop" else value.immutable_fn
+                    if plain in _MIXED:
+                        body.append(_global(_MIXED[plain], statement, len(body)))
+                        args = (value.lhs, value.rhs)
+                        statement.value = numba_ir.Expr.call(body[-1].target, args, (), value.loc)
+                body.append(statement)
+            block.body = body
+        # What the replaced statements defined is looked up by later passes.
+        state.func_ir._definitions = numba.core.ir_utils.build_definitions(state.func_ir.blocks)
+        return True
+
+
+def _global(function: Any, beside: Any, number: int) -> Any:
+    """A statement that names a function, for a call that follows."""
+    scope, loc = beside.target.scope, beside.loc
+    name = scope.redefine(f"$albedo_{number}", loc)
+    return numba_ir.Assign(numba_ir.Global("operation", function, loc), name, loc)
+
+
+class _SingleCompiler(CompilerBase):
+    """numba's own steps, with `_SinglePass` before types are found."""
+
+    def define_pipelines(self) -> list[Any]:
+        passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
+        passes.add_pass_after(_SinglePass, IRProcessing)
+        passes.finalize()
+        return [passes]
 
 
 @cache
