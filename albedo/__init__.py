@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 _HOME = {
+    "advise": "albedo.advice.search",
     "model": "albedo.catalogue",
     "models": "albedo.catalogue",
     "model_from": "albedo.user",
@@ -37,6 +38,7 @@ _HOME = {
 }
 
 if TYPE_CHECKING:
+    from albedo.advice.search import advise
     from albedo.averages import average_albedo
     from albedo.brdf import Model
     from albedo.catalogue import model, models
@@ -59,6 +61,7 @@ __all__ = [
     "InputError",
     "Model",
     "MonteCarloEstimate",
+    "advise",
     "average_albedo",
     "compensate",
     "couple",
