@@ -37,6 +37,8 @@ PUMPING = (ROOT / "docs" / "pumping.md").read_text(encoding="utf-8")
 COUPLING = (ROOT / "docs" / "coupling.md").read_text(encoding="utf-8")
 RADIANCE = (ROOT / "docs" / "radiance.md").read_text(encoding="utf-8")
 GRAZING = (ROOT / "docs" / "grazing.md").read_text(encoding="utf-8")
+SCALE_DOWN = (ROOT / "docs" / "scale_down.md").read_text(encoding="utf-8")
+ADVICE = (ROOT / "docs" / "advice.md").read_text(encoding="utf-8")
 
 _NUMBER = re.compile(r"(-?\d+(?:\.\d+)?)\((\d+)\)(?:e([+-]?\d+))?")
 
@@ -86,8 +88,11 @@ class Intervals(doctest.OutputChecker):
 
 @pytest.mark.parametrize(
     "text",
-    [README, CONTRIBUTING, PUMPING, COUPLING, RADIANCE, GRAZING],
-    ids=["readme", "contributing", "pumping", "coupling", "radiance", "grazing"],
+    [README, CONTRIBUTING, PUMPING, COUPLING, RADIANCE, GRAZING, SCALE_DOWN, ADVICE],
+    ids=[
+        *("readme", "contributing", "pumping", "coupling", "radiance", "grazing"),
+        *("scale_down", "advice"),
+    ],
 )
 def test_python_snippets_print_what_is_shown(text: str) -> None:
     source = "\n".join(block for block in blocks(text, "python") if block.startswith(">>> "))
@@ -103,6 +108,10 @@ SHOWN = [
     *commands(README, "albedo plot"),
     *commands(README, "albedo energy"),
     *commands(README, "albedo pump"),
+    *commands(README, "albedo stability"),
+    *commands(README, "albedo cost"),
+    *commands(README, "albedo advise"),
+    *commands(ADVICE, "albedo advise"),
     *commands(RADIANCE, "albedo radiance"),
 ]
 

@@ -452,6 +452,10 @@ VERDICTS = {
     ("nns_convergence", "N5", ""): ["holds within the bound"] * 3,
     ("nns_convergence", "N6", ""): ["holds", "holds"],
     ("nns_convergence", "N7", ""): ["holds"] * 4,
+    ("schwenk_scale_down", "S16", ""): [
+        *("holds", "holds"),  # Fresnel's factor: radiance, albedo
+        *["fails"] * 9,
+    ],
 }
 
 
