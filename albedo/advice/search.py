@@ -129,8 +129,9 @@ class Option:
             f"{self.way}\n"
             f"  price      {_plainly(self.ns)} ns, {self.bytes:,} bytes\n"
             f"  predicted  error up to {self.error(self.predicted)}\n"
-            f"  verified   error up to {self.error(self.verified)} at {self.places} fresh places: "
-            f"{100.0 * self.share:.4g} percent of all are within"
+            f"  verified   error up to {self.error(self.verified)} at {self.places} fresh places; "
+            f"at least {100.0 * self.share:.4g} percent of all are within, with "
+            f"{100.0 * CONFIDENCE:g} percent confidence"
         )
 
 
@@ -147,7 +148,7 @@ class Advice:
         fits.
     plain : float
         Price of what one would do without advice: the model evaluated in float64, or the nested
-        quadrature.
+        quadrature; NaN where that misses the tolerance itself.
     tried, tested : int
         Ways that were tried, and those that were tested on fresh places.
     reason : str
@@ -197,11 +198,12 @@ class Advice:
         lines = [str(self.choice)]
         if self.runner_up is not None:
             lines.append(f"runner-up: {self.runner_up}")
-        ratio = self.plain / self.choice.ns
         plain = "the nested quadrature" if self.scene.integral else "the model in float64"
+        ratio = self.plain / self.choice.ns
+        takes = f"takes {_plainly(self.plain)} ns, {_plainly(ratio)} times as much"
         lines.append(
-            f"{plain} takes {_plainly(self.plain)} ns, {_plainly(ratio)} times as much; "
-            f"{self.tried} ways were tried, {self.tested} tested\n"
+            f"{plain} {'misses the tolerance' if math.isnan(ratio) else takes}; {self.tried} ways "
+            f"were tried, {self.tested} tested\n"
             f"prices are those of one machine: {self.machine.partition(chr(59))[0]}"
         )
         return "\n".join(lines)
@@ -303,9 +305,9 @@ def _scene(
         raise InputError(f"radius = {radius!r} is out of range; it lies in (0, 45] degrees")
     if light == "area" and of == "radiance" and small + radius >= 90.0:
         raise InputError(f"theta = {theta!r} leaves no place for a source of radius {radius:g}")
-    for name, value in (("rtol", rtol), ("atol", atol)):  # type: ignore[assignment]
-        if not (isinstance(value, int | float) and (value == 0.0 or 1e-9 <= value < 1.0)):
-            raise InputError(f"{name} = {value!r} is out of range; it is 0 or lies in [1e-9, 1)")
+    for name, number in (("rtol", rtol), ("atol", atol)):
+        if not (isinstance(number, int | float) and (number == 0.0 or 1e-9 <= number < 1.0)):
+            raise InputError(f"{name} = {number!r} is out of range; it is 0 or lies in [1e-9, 1)")
     if rtol == 0.0 and atol == 0.0:
         raise InputError("give a tolerance, rtol or atol, above 0")
     axes = tuple(_axis(model, name, ends) for name, ends in ranges.items())
@@ -443,14 +445,14 @@ class Search:
         )
 
     def _plain(self) -> float:
-        """Price of the model itself, as exactly as it is needed."""
+        """Price of the model itself, as exactly as it is needed; NaN where it misses that."""
         kinds = {"nested quadrature", "evaluation", "mean"}
         own = [way for way in self.ways if way.kind in kinds and not way.without]
         exact = [way for way in own if way.kind != "evaluation" or way.detail == "float64"]
         for way in exact:
             if self.predicted(way) <= 1.0 and self.verified(way)[0] <= 1.0:
                 return way.ns
-        return max(way.ns for way in exact)
+        return math.nan
 
     def _why(self, within: list[Way], nearest: float) -> str:
         if not within:
@@ -488,4 +490,4 @@ def share_of(places: int, tested: int) -> float:
     -------
     float
     """
-    return 1.0 - math.log(tested * (tested + 1) / (1.0 - CONFIDENCE)) / places
+    return max(0.0, 1.0 - math.log(tested * (tested + 1) / (1.0 - CONFIDENCE)) / places)

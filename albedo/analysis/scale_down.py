@@ -747,8 +747,9 @@ def _largest_albedo(
             # At an end that a quarter of the spacing does not improve on, nothing will.
             if flat and not better.any() and np.all((t == first) | (t == 1.0)):
                 break
-        for k, end in enumerate(zip(best, brought, bound, t, phi, strict=True)):
-            ends[k].append(tuple(float(x) for x in end))  # type: ignore[arg-type]
+        columns = (column.tolist() for column in (best, brought, bound, t, phi))
+        for k, end in enumerate(zip(*columns, strict=True)):
+            ends[k].append(end)
     found = []
     for one in ends:
         (value, last, bound_here, t_here, phi_here), other = sorted(one, key=lambda end: -end[0])
