@@ -243,6 +243,9 @@ class Part:
         Cosines n.v at which the values have a kink, whatever n.l is.
     routine : Routine, optional
         How to draw directions for this lobe; by default what the chart and the widths suggest.
+    formula : callable, optional
+        Where `fill` is no kernel: a kernel that would fill the same, one pair of directions at a
+        time. It is never compiled; values in other arithmetic are computed by it.
     """
 
     name: str
@@ -257,6 +260,7 @@ class Part:
     average_doubt: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
     heights: tuple[float, ...] = ()
     routine: Routine | tuple[Routine, ...] | None = None
+    formula: Kernel | None = None
 
     def packed(self, rows: np.ndarray) -> np.ndarray:
         """What the kernels of this part see of packed parameters (rows, k)."""
@@ -290,6 +294,9 @@ class Model:
 
     domain: ClassVar[str] = ""
     """What an energy map sweeps: the ranges of the main parameters, in the same grammar."""
+
+    lobes: ClassVar[str] = ""
+    """For a model that is all Dirac parts by default: what makes it lobes, in the same grammar."""
 
     made: ClassVar[float] = 0.0
     """When the class was defined, in seconds since the epoch."""

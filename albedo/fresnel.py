@@ -49,12 +49,15 @@ def dielectric(n, u):
     """Exact equations for a real relative index n (Cook and Torrance 1982, sect. 2)."""
     if n == 1.0:
         return 0.0
-    g2 = (n - 1.0) * (n + 1.0) + u * u
+    beside = (n - 1.0) * (n + 1.0)
+    g2 = beside + u * u
     if g2 <= 0.0:
         return 1.0
     g = math.sqrt(g2)
-    ratio = (u * (g + u) - 1.0) / (u * (g - u) + 1.0)
-    front = (g - u) / (g + u)
+    # g - u by the difference of their squares, which is small where the index is next to 1.
+    less = beside / (g + u)
+    ratio = (u * (g + u) - 1.0) / (u * less + 1.0)
+    front = less / (g + u)
     return 0.5 * front * front * (1.0 + ratio * ratio)
 
 
@@ -77,12 +80,24 @@ def conductor(n, k, u):
     if n == 1.0 and k == 0.0:
         return 0.0
     s2 = (1.0 - u) * (1.0 + u)
-    t0 = (n - 1.0) * (n + 1.0) - k * k + u * u
+    beside = (n - 1.0) * (n + 1.0) - k * k
+    t0 = beside + u * u
     q = math.hypot(t0, 2.0 * n * k)
-    # (q + t0)/2 without cancellation: q^2 - t0^2 = 4 n^2 k^2.
-    a = math.sqrt(0.5 * (q + t0)) if t0 > 0.0 else n * k * (math.sqrt(2.0) / math.sqrt(q - t0))
-    r_s = (q + u * u - 2.0 * a * u) / (q + u * u + 2.0 * a * u)
-    r_p = r_s * (u * u * q + s2 * s2 - 2.0 * a * u * s2) / (u * u * q + s2 * s2 + 2.0 * a * u * s2)
+    # a^2 - b^2 = t0 and a b = n k: the root that does not cancel, and the other by the product.
+    if t0 > 0.0:
+        a2 = 0.5 * (q + t0)
+        a = math.sqrt(a2)
+        b2 = (n * k) * (n * k) / a2
+    else:
+        b2 = 0.5 * (q - t0)
+        a = n * k / math.sqrt(b2) if b2 > 0.0 else 0.0
+    if a + u == 0.0:
+        return 1.0
+    # a - u by the difference of their squares, which is small where the index is next to 1.
+    off = (beside + b2) / (a + u)
+    r_s = (off * off + b2) / ((a + u) * (a + u) + b2)
+    along, most, u2b2 = u * a - s2, u * a + s2, u * u * b2
+    r_p = r_s * (along * along + u2b2) / (most * most + u2b2)
     return 0.5 * (r_s + r_p)
 
 
@@ -112,10 +127,13 @@ def fresnel(code, a, b, c, u, less=-1.0):
 
 
 @kernel
-def fill_factors(code, a, b, c, u, out):
-    """Fill `out` with factors of one kind, for arrays of its numbers and of cosines."""
+def fill_factors(code, a, b, c, u, less, out):
+    """Fill `out` with factors of one kind, for arrays of its numbers, of cosines and of 1 - u.
+
+    Where 1 - u is not known better than u tells, it is negative.
+    """
     for i in range(out.size):
-        out[i] = fresnel(code, a[i], b[i], c[i], u[i])
+        out[i] = fresnel(code, a[i], b[i], c[i], u[i], less[i])
 
 
 def schlick_f0(n: ArrayLike, k: ArrayLike = 0.0) -> np.ndarray:
@@ -371,7 +389,8 @@ def reflectance(
     numbers = [np.array([row[i] for row in rows]).reshape(shape) for i in (1, 2, 3)]
     *numbers, cosine = np.broadcast_arrays(*numbers, cosine)
     out = np.empty(cosine.size)
-    fill_factors(code, *(np.ascontiguousarray(v).ravel() for v in numbers), cosine.ravel(), out)
+    flat_arrays = (np.ascontiguousarray(v).ravel() for v in (*numbers, cosine))
+    fill_factors(code, *flat_arrays, np.full(cosine.size, -1.0), out)
     return out.reshape(cosine.shape)
 
 

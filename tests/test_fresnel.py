@@ -447,3 +447,16 @@ def test_a_surface_that_is_all_but_a_mirror_reflects_what_its_metal_does() -> No
     f0 = float(schlick_f0(*refractive_index("gold", 0.44)))
     assert abs(found.value - f0) <= found.error + 1e-9
     assert round(f0, 3) == 0.387
+
+
+@pytest.mark.parametrize("kind", ["dielectric", "conductor"])
+@pytest.mark.parametrize("index", [(1.0002, 0.0), (1.0 + 1e-8, 0.0), (1.0, 1e-6), (1.001, 1e-3)])
+def test_a_factor_of_an_index_next_to_1_keeps_its_digits(
+    kind: str, index: tuple[float, float]
+) -> None:
+    """F is 1e-8 or less there, and a difference of numbers near 1 as it is printed."""
+    n, k = index if kind == "conductor" else (index[0], 0.0)
+    for u in (1.0, 0.9, 0.5, 1e-3, 1e-9):
+        known = float(exact.fresnel(complex(n, -k), u)) if (n, k) != (1.0, 0.0) else 0.0
+        # Two dozen operations; the largest of 20,000 random ones lost 34 units.
+        assert reflectance(kind, u, n=n, k=k) == pytest.approx(known, rel=40 * EPS)

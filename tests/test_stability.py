@@ -178,9 +178,34 @@ def test_functions_that_object_arrays_lack_are_refused() -> None:
         stability.measure([({}, model)], cosines=(0.5,))
 
 
-@pytest.mark.parametrize("spec", ["lewis:reading=per_incidence", "stam_grating:coherence=3"])
+GRATINGS = [
+    "stam_grating:coherence=3",
+    "stam_grating:coherence=0.3,profile=lamellar,duty=0.3,fresnel=dielectric",
+    "stam_grating:coherence=200,depth=0.6,period=4.1,fresnel=schlick,f0=0",
+    "stam_grating:coherence=0.1,period=100",
+]
+
+
+@pytest.mark.parametrize("spec", GRATINGS)
+def test_a_formula_stands_for_values_of_numpy(spec: str) -> None:
+    """Bessel functions are in no kernel; the same sum is written once more for other numbers."""
+    frame = stability.measure([({}, parse(spec).model())], cosines=(1.0, 0.3, 1e-3, 1e-9))
+    assert not frame[["float64_not_finite", "raw_not_finite", "float32_not_finite"]].any(axis=None)
+    assert frame["float64"].median() > 14.5
+    # Exponents of up to 690 have an error of as many roundings, and their arguments have some.
+    assert frame["float64"].min() > 11.5
+    assert frame["float32"].median() > 6.0
+
+
+def test_a_model_of_dirac_parts_is_looked_at_with_lobes() -> None:
+    spec = stability.swept("stam_grating")
+    assert list(spec.sweep) == ["coherence"]
+    assert stability.swept("stam_grating:depth=0.2") == ModelSpec("stam_grating", {"depth": 0.2})
+
+
+@pytest.mark.parametrize("spec", ["lewis:reading=per_incidence"])
 def test_what_is_no_kernel_of_plain_arithmetic_is_refused(spec: str) -> None:
-    """A curve in a kernel, and Bessel functions of numpy."""
+    """A curve in a kernel."""
     model = parse(spec).model()
     assert not plain(model)
     with pytest.raises(InputError, match="plain arithmetic"):

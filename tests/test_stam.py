@@ -10,8 +10,10 @@ import pytest
 from exact import mp, oracle
 
 import albedo
+from albedo.catalogue import stam_grating
 from albedo.charts.orders import OrdersChart
 from albedo.directions import spherical
+from albedo.errors import InputError
 from albedo.integrators.adaptive import integrate
 from albedo.quadrature import albedo_rows
 
@@ -226,3 +228,23 @@ def test_gratings_of_several_factors_go_into_one_batch() -> None:
     for k, model in enumerate(models):
         one = albedo.directional_albedo(model, 0.7, rtol=1e-6)
         assert abs(both.value[k] - one.value) <= both.error[k] + one.error
+
+
+def test_orders_that_carry_nothing_cost_nothing() -> None:
+    """|c_n|^2 is below all numbers from n = 90 on; a direction has something of 1,900 orders."""
+    assert stam_grating._last_order(0.0) == 1
+    last = stam_grating._last_order(2.0)
+    assert mp.besselj(last, 2) ** 2 < mp.mpf("1e-308") < mp.besselj(last // 2, 2) ** 2
+    model = albedo.model("stam_grating", period=100.0, coherence=0.1)
+    light, view = spherical(0.7, 0.3), spherical(0.4, 2.0)
+    known = (list(map(mp.mpf, v.ravel().tolist())) for v in (light, view))
+    exact = oracle("stam_grating").brdf(model.parameters, *known)
+    # Some hundred terms of one sign, and sines of phases of up to 4.
+    assert float(model.eval(light, view).ravel()[0]) == pytest.approx(float(exact), rel=1e-13)
+
+
+@pytest.mark.parametrize("coherence", [0.1, 0.15])
+def test_lobes_of_too_many_orders_are_refused(coherence: float) -> None:
+    with pytest.raises(InputError, match=r"must be at least 0\.191"):
+        albedo.model("stam_grating", period=100.0, coherence=coherence, profile="lamellar")
+    assert albedo.model("stam_grating", period=100.0, coherence=0.2, profile="lamellar").parts()

@@ -79,7 +79,7 @@ def test_parameters_that_are_given_stay() -> None:
     assert all(case.model == albedo.model("phong", n=7.0) for case in one.worst.values())
 
 
-@pytest.mark.parametrize("name", [n for n in names() if n != "stam_grating"])
+@pytest.mark.parametrize("name", names())
 def test_draws_cover_the_declared_ranges(name: str, rng: np.random.Generator) -> None:
     models = _Models.of(name)
     for parameter in albedo.models()[name].parameter_info():
@@ -122,8 +122,6 @@ def test_a_search_counts_what_is_not_finite() -> None:
         ("phong + lambert", 30, "sum"),
         ("ward:m=-1", 30, "m = -1"),
         ("ward", 5, "at least 20"),
-        ("stam_grating", 30, "Dirac"),
-        ("stam_grating:coherence=3", 30, "plain arithmetic"),
         ("lewis:reading=per_incidence", 30, "plain arithmetic"),
     ],
 )

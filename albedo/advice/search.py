@@ -28,10 +28,13 @@ CONFIDENCE = 0.95
 
 _PILOTS, _FEWEST, _TESTED = 512, 256, 2048
 _FEWEST_SETS = 16
+# Places that a way has to pass before it is looked at on more, and on all.
+_FIRST = (2, 16)
 # Places that tell what a reference costs.
 _FEW = 4
-# Evaluations of models, and seconds of references, that one set of places may take.
-_WORK, _SECONDS = 4_000_000, 0.6
+# Nanoseconds of a way where it is chosen and where it is tested, and seconds of references, that
+# one set of places may take.
+_CHOSEN, _VERIFIED, _SECONDS = 2e8, 8e8, 0.6
 # Prices within this ratio are equal: then fewer bytes win.
 _EQUAL = 1.1
 
@@ -406,14 +409,22 @@ class Search:
         return min(places, self.sets) if self.scene.axes else places
 
     def predicted(self, way: Way) -> float:
-        """The largest error at the places where ways are chosen, as a share of what is allowed."""
-        count = max(16, min(len(self.pilot.points), int(_WORK / max(way.work, 1.0))))
-        return self.pilot.worst(way.values, count)
+        """The largest error at the places where ways are chosen, as a share of what is allowed.
+
+        What fails at the first few of them is not looked at further: there it is what is told.
+        """
+        most = max(_FIRST[-1], min(len(self.pilot.points), int(_CHOSEN / max(way.ns, 1.0))))
+        worst = 0.0
+        for count in (*_FIRST, most):
+            worst = self.pilot.worst(way.values, count)
+            if not worst <= 1.0 or count == most:
+                break
+        return worst
 
     def verified(self, way: Way) -> tuple[float, int]:
         """The same at fresh places, and how many these are."""
         most = len(self.fresh.points)
-        count = min(max(_FEWEST, min(most, int(4.0 * _WORK / max(way.work, 1.0)))), most)
+        count = min(max(_FEWEST, min(most, int(_VERIFIED / max(way.ns, 1.0)))), most)
         return self.fresh.worst(way.values, count), count
 
     def answer(self, ns: float, most_bytes: float) -> Advice:
@@ -459,7 +470,7 @@ class Search:
             return "no way is within the budget"
         return (
             f"of {len(within)} ways within the budget the best errs by {nearest:.2g} times what "
-            "is allowed, or fails on fresh places"
+            "is allowed at least, or fails on fresh places"
         )
 
 

@@ -73,7 +73,7 @@ class Way:
     values : callable
         Numbers at `Points`, shape (n,).
     work : float
-        Evaluations of the model for each number, which testing it takes too.
+        Evaluations of the model for each number.
     made : Lazy or None
         Makes what is read.
     """

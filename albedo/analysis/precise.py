@@ -20,6 +20,7 @@ import numpy as np
 from albedo._compile import is_kernel, translated
 from albedo.brdf import Model, Part
 from albedo.errors import InputError
+from albedo.special import bessel_j
 
 # Functions that numpy, mpmath and `math` call by the same names.
 _PLAIN = (
@@ -43,7 +44,7 @@ class Arithmetic:
     dtype : type
         Of arrays of numbers.
     functions : mapping of str to callable or number
-        What `math` has, by its names there.
+        What `math` and `albedo.special` have, by their names there.
     """
 
     name: str
@@ -65,7 +66,7 @@ class Arithmetic:
 @cache
 def single() -> Arithmetic:
     """IEEE single precision, every operation rounded."""
-    from scipy.special import erfc
+    from scipy.special import erfc, jv
 
     def of(function: Any) -> Callable[..., Any]:
         return lambda *args: function(*(np.float32(arg) for arg in args))
@@ -75,7 +76,7 @@ def single() -> Arithmetic:
     others = {"asin": "arcsin", "acos": "arccos", "atan": "arctan", "atan2": "arctan2"}
     functions |= {name: of(getattr(np, other)) for name, other in others.items()}
     constants: dict[str, Any] = {"pi": np.float32(math.pi), "inf": np.float32(math.inf)}
-    functions |= {"erfc": of(erfc), "fabs": abs, **constants}
+    functions |= {"erfc": of(erfc), "fabs": abs, "bessel_j": of(jv), **constants}
     return Arithmetic("float32", np.float32, np.float32, functions)
 
 
@@ -90,6 +91,7 @@ def precise() -> Arithmetic:
     names = (*_PLAIN, "asin", "acos", "atan", "atan2")
     functions: dict[str, Any] = {name: getattr(context, name) for name in names}
     functions |= {name: getattr(context, name) for name in ("erfc", "floor", "isfinite", "isnan")}
+    functions |= {"bessel_j": context.besselj}
     functions |= {"fabs": abs, "pi": +context.pi, "inf": context.inf}
     # numpy's functions of arrays of objects are the methods of these.
     methods = {**{k: functions[k] for k in names}, "rint": context.nint, "floor": context.floor}
@@ -128,6 +130,8 @@ def _translated(value: Any, arithmetic: Arithmetic) -> Any:
         return rebuilt(value, arithmetic)
     if value is math:
         return SimpleNamespace(**arithmetic.functions)
+    if value is bessel_j:
+        return arithmetic.functions["bessel_j"]
     if isinstance(value, np.ndarray) and value.dtype == np.float64:
         return arithmetic.array(value)
     # numpy's scalars would draw float32 up; floats of Python are of whatever they meet.
@@ -166,6 +170,11 @@ def evaluate(
     return found
 
 
+def is_plain(part: Part) -> bool:
+    """Whether a part has a kernel, or else a formula, that other arithmetic can run."""
+    return is_kernel(part.formula or part.fill)
+
+
 def evaluate_part(
     model: Model, part: Part, arithmetic: Arithmetic, wi: np.ndarray, wo: np.ndarray, h: np.ndarray
 ) -> np.ndarray:
@@ -188,12 +197,12 @@ def evaluate_part(
 
 def _fill(model: Model, part: Part, arithmetic: Arithmetic) -> Callable[..., Any]:
     """The kernel of a part in another arithmetic."""
-    if not is_kernel(part.fill):
+    if not is_plain(part):
         raise InputError(
             f"the {part.name} part of {model.spec} is no kernel of plain arithmetic: its values "
             f"cannot be had in {arithmetic.name}"
         )
-    return rebuilt(part.fill, arithmetic)
+    return rebuilt(part.formula or part.fill, arithmetic)
 
 
 def _of_function(

@@ -213,6 +213,8 @@ def thinned(spec: ModelSpec) -> ModelSpec:
 def swept(text: str) -> ModelSpec:
     """What a model in the grammar asks for: its sweeps, or the domain that it declares, thinned.
 
+    A model that is all Dirac parts by default is looked at with the lobes that it declares.
+
     Raises
     ------
     InputError
@@ -223,7 +225,9 @@ def swept(text: str) -> ModelSpec:
 
     spec = parse_model(text, "A count of digits")
     kind = model_class(spec.name)
-    if not spec.sweep and (set(spec.fixed) or not kind.domain):
+    if not spec.sweep and not spec.fixed and kind.lobes:
+        return thinned(parse_model(f"{spec.name}:{kind.lobes}", "A count of digits"))
+    if not spec.sweep and (spec.fixed or not kind.domain):
         return spec
     return thinned(domain(text))
 

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from albedo._compile import cache_root, is_kernel
-from albedo.analysis.precise import evaluate, precise, single
+from albedo._compile import cache_root
+from albedo.analysis.precise import evaluate, is_plain, precise, single
 from albedo.analysis.stability import FULL, WAYS, ExactFrame, Geometry, count_ways
 from albedo.brdf import Alias, Choice, Model, Real, Vectors
 from albedo.errors import InputError
@@ -256,10 +256,10 @@ def _ends(parameter: Real) -> tuple[float, float]:
     )
 
 
-def _real(row: tuple[int, ...], parameter: Real) -> float | None:
-    """A number of a closed range: an end, or anything between."""
+def _real(row: tuple[int, ...], parameter: Real, given: bool = False) -> float | None:
+    """A number of a closed range: an end, or anything between; none at all unless it is `given`."""
     kinds: tuple[str, ...] = ("low", "high", "even", "decades", "decades", "negative")
-    if parameter.default is None:
+    if parameter.default is None and not given:
         kinds += ("none",) * 6
     kind = _one_of(row[0], kinds)
     if kind == "none":
@@ -288,6 +288,8 @@ class _Models:
         Parameters with one value.
     swept : dict
         Parameters with a few values.
+    needed : frozenset of str
+        Parameters that always have a number.
     one : Model, optional
     """
 
@@ -298,6 +300,7 @@ class _Models:
     one: Model | None = None
     words: dict[str, list[str]] = field(default_factory=dict)
     coarse: bool = False
+    needed: frozenset[str] = frozenset()
 
     @classmethod
     def of(cls, what: Model | ModelSpec | str) -> _Models:
@@ -314,6 +317,11 @@ class _Models:
         found = cls(spec.name, kind, dict(spec.fixed), swept)
         first = {name: values[0] for name, values in swept.items()}
         default = kind(**found.fixed, **first)
+        if kind.lobes and not default.parts():
+            # Without these parameters there is no value to look at.
+            lobes = parse_model(f"{kind.name}:{kind.lobes}", "A search").sweep
+            default = kind(**found.fixed, **first, **{k: v[0] for k, v in lobes.items()})
+            found.needed = frozenset(lobes)
         _known(default)
         for p in kind.parameter_info():
             if isinstance(p, Choice) and p.name not in found.settled:
@@ -340,7 +348,7 @@ class _Models:
         except InputError:
             # It may go together with others.
             return True
-        return all(is_kernel(part.fill) for part in parts)
+        return all(is_plain(part) for part in parts)
 
     @property
     def size(self) -> int:
@@ -388,14 +396,14 @@ class _Models:
             model = None
         assume(model is not None)
         assert model is not None
-        assume(bool(model.parts()) and all(is_kernel(part.fill) for part in model.parts()))
+        assume(bool(model.parts()) and all(is_plain(part) for part in model.parts()))
         return model
 
     def _number(self, row: tuple[int, ...], parameter: Real) -> float | None:
         if self.coarse:
             low, high = max(parameter.low, _SMALL), _ends(parameter)[1]
             return float(_one_of(row[0], (low, math.sqrt(low * high), high)))
-        return _real(row, parameter)
+        return _real(row, parameter, parameter.name in self.needed)
 
 
 def _known(model: Model) -> None:

@@ -76,7 +76,7 @@ class FresnelChoice(Model):
         out = np.empty(u.size)
         code, *numbers = self.pack_fresnel()
         columns = (np.full(u.size, number) for number in numbers)
-        fill_factors(code, *columns, np.ascontiguousarray(u).ravel(), out)
+        fill_factors(code, *columns, np.ascontiguousarray(u).ravel(), np.full(u.size, -1.0), out)
         return out.reshape(u.shape)
 
     def pack_fresnel(self) -> tuple[int, float, float, float]:

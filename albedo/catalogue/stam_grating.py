@@ -3,22 +3,29 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Mapping
+from functools import cache
 from typing import Any
 
 import numpy as np
 
+from albedo._compile import kernel
 from albedo.brdf import Choice, Part, Real
 from albedo.catalogue._fresnel import SOURCES_OF_FACTORS, FresnelChoice
 from albedo.charts.orders import REACH, OrdersChart
 from albedo.errors import InputError
-from albedo.fresnel import fill_factors
+from albedo.fresnel import fill_factors, fresnel
+from albedo.geometry import one_less_v_dot_h, v_dot_h
+from albedo.special import bessel_j
 
 _EPS = np.finfo(np.float64).eps
 # Orders beside the mirror direction, on each side: bounds the memory that a direction takes.
 _MOST_ORDERS = 4000
 # Heights in waves: up to this argument the Bessel functions were measured.
 _MOST_PHASE = 1e5
+# -ln of a number that is 0, and orders beyond the last that carries something for any phase.
+_VANISHED, _FARTHEST = 760.0, 200_000
 
 
 def strengths(n: np.ndarray, phase: np.ndarray, duty: np.ndarray) -> np.ndarray:
@@ -29,9 +36,7 @@ def strengths(n: np.ndarray, phase: np.ndarray, duty: np.ndarray) -> np.ndarray:
     n, phase, duty = np.broadcast_arrays(n, phase, duty)
     sinusoid, value = np.isnan(duty), np.empty(n.shape)
     if sinusoid.any():
-        from scipy.special import jv
-
-        value[sinusoid] = jv(n[sinusoid], 0.5 * phase[sinusoid]) ** 2
+        value[sinusoid] = bessel_j(n[sinusoid], 0.5 * phase[sinusoid]) ** 2
     if not sinusoid.all():
         swing, sine, spread = _lamellar(*(x[~sinusoid] for x in (n, phase, duty)))
         q = duty[~sinusoid]
@@ -53,10 +58,9 @@ def _lamellar(
 def strength_errors(n: np.ndarray, phase: np.ndarray, duty: float, moved: np.ndarray) -> np.ndarray:
     """Bounds on the errors of `strengths`, for phases with the errors `moved`."""
     if math.isnan(duty):
-        from scipy.special import jv
-
         z = 0.5 * phase
-        j, slope = np.abs(jv(n, z)), 0.5 * np.abs(jv(n - 1, z) - jv(n + 1, z))
+        j = np.abs(bessel_j(n, z))
+        slope = 0.5 * np.abs(bessel_j(n - 1, z) - bessel_j(n + 1, z))
         # Measured up to z = 1e5: less than 17 roundings of z and of the value.
         error = 20.0 * _EPS * (j + z * slope) + 0.5 * moved * slope
         return (2.0 * j + error) * error
@@ -68,6 +72,18 @@ def strength_errors(n: np.ndarray, phase: np.ndarray, duty: float, moved: np.nda
     side += (swing + swing_error) * (2.0 * np.abs(sine) + sine_error) * sine_error
     middle = duty * (1.0 - duty) * (swing_error + 2.0 * _EPS * swing) + _EPS
     return np.where(n == 0, middle, spread * side)
+
+
+@kernel
+def vanishes(n, z):
+    """Whether J_n(x)^2, n >= 0, is below all numbers for x <= z: |J_n(x)| <= (e x/(2 n))^n."""
+    return n > z and (z == 0.0 or 2.0 * n * (math.log(2.0 * n / z) - 1.0) > _VANISHED)
+
+
+@cache
+def _last_order(z: float) -> int:
+    """The last order that carries something for arguments up to z."""
+    return bisect_left(range(_FARTHEST), True, key=lambda n: bool(vanishes(n, z)))
 
 
 def fill(wi: np.ndarray, wo: np.ndarray, h: np.ndarray, p: np.ndarray, out: np.ndarray) -> None:
@@ -83,29 +99,81 @@ def fill(wi: np.ndarray, wo: np.ndarray, h: np.ndarray, p: np.ndarray, out: np.n
     # All orders but the mirror's vanish as w does: over w they are what they are at any small w.
     some = np.maximum(w, 1e-100)
     reach = math.ceil(REACH * float((sigma / step).max()))
-    for more in range(-reach, reach + 1):
-        n = nearest + more
-        height = np.exp(-0.5 * (((u - n * step) / sigma) ** 2 + (v / sigma) ** 2))
-        seen = height > 0.0
-        if seen.any():
+    last = np.array([_last_order(z) for z in wave.ravel().tolist()])[:, None]
+    last = np.where(np.isnan(duty), last, math.inf)
+    above = (lz > 0.0) & (vz > 0.0)
+    cosines = np.sqrt(np.where(lz > 0.0, lz, 1.0)) * np.sqrt(np.where(vz > 0.0, vz, 1.0))
+    columns = (np.broadcast_to(x, w.shape) for x in (step, sigma, wave * some, duty))
+    step, sigma, phase, shape = columns
+    most = float(last.max(initial=0.0))
+    few = most < reach
+    for k in range(-int(most), int(most) + 1) if few else range(-reach, reach + 1):
+        n = np.full(w.shape, float(k)) if few else nearest + k
+        seen = np.abs(n) <= last
+        away = (u[seen] - n[seen] * step[seen]) / sigma[seen]
+        # The root of a Gaussian: it may be below all numbers though what it is over brings it back.
+        height = np.exp(-0.25 * (away**2 + (v[seen] / sigma[seen]) ** 2))
+        if np.any(height > 0.0):
             mirror = n[seen] == 0
-            phase = np.broadcast_to(wave * some, w.shape)[seen]
-            shape = np.broadcast_to(duty, w.shape)[seen]
-            share = strengths(n[seen], phase, shape) * height[seen]
+            root = np.sqrt(strengths(n[seen], phase[seen], shape[seen])) * height
             with np.errstate(over="ignore", invalid="ignore"):
                 straight = 2.0 * v_h[seen] * (v_h[seen] / np.where(mirror, w[seen], some[seen]))
-                total[seen] += np.where(share > 0.0, share * straight * straight, 0.0)
+                part = root * (straight / cosines[seen])
+                total[seen] += np.where(root > 0.0, part * part, 0.0)
     factor = np.empty(w.shape)
+    away = sum((x - y) ** 2 for x, y in zip((wi[0][:, None], wi[1][:, None], lz), wo, strict=True))
+    less = 0.25 * away / (1.0 + v_h)
     for code in np.unique(p[:, 4]).tolist():
         rows = p[:, 4] == code
         found = np.empty(v_h[rows].size)
         numbers = (np.repeat(p[rows, i], w.shape[1]) for i in (5, 6, 7))
-        fill_factors(int(code), *numbers, v_h[rows].ravel(), found)
+        fill_factors(int(code), *numbers, v_h[rows].ravel(), less[rows].ravel(), found)
         factor[rows] = found.reshape(-1, w.shape[1])
     with np.errstate(all="ignore"):
-        values = factor * total / (2.0 * math.pi * sigma * sigma) / lz / vz
-    seen = (lz > 0.0) & (vz > 0.0) & (factor * total > 0.0)
-    out[:] = np.where(seen, values, 0.0)
+        values = factor * total / (2.0 * math.pi * sigma * sigma)
+    out[:] = np.where(above & (factor * total > 0.0), values, 0.0)
+
+
+@kernel
+def strength(n, phase, duty):
+    """One of `strengths`."""
+    if math.isnan(duty):
+        j = bessel_j(n, 0.5 * phase)
+        return j * j
+    sine = math.sin(0.5 * phase)
+    if n == 0:
+        return 1.0 - 4.0 * duty * (1.0 - duty) * sine * sine
+    turns = n * duty
+    off = 2.0 * sine * math.sin(math.pi * (turns - math.floor(turns))) / (math.pi * n)
+    return off * off
+
+
+@kernel
+def formula(wi, wo, h, p, out):
+    """What `fill` does, one pair of directions at a time."""
+    for j in range(out.shape[0]):
+        step, wave, duty, sigma, lz = p[j, 0], p[j, 1], p[j, 2], p[j, 3], wi[2, j]
+        reach = int(REACH * sigma / step) + 1
+        for i in range(out.shape[1]):
+            u, v, w, vz = h[0, j, i], h[1, j, i], h[2, j, i], wo[2, j, i]
+            if min(lz, vz) <= 0.0:
+                out[j, i] = 0.0
+                continue
+            nearest = math.floor(u / step + 0.5)
+            total = 0.0
+            for more in range(-reach, reach + 1):
+                n = nearest + more
+                # J_n of a small phase is over a small w: what counts is the largest.
+                if math.isnan(duty) and vanishes(abs(n), wave):
+                    continue
+                x, y = (u - n * step) / sigma, v / sigma
+                total += strength(n, wave * w, duty) * math.exp(-0.5 * (x * x + y * y))
+            v_h = v_dot_h(u, v, w)
+            straight = 2.0 * v_h * (v_h / w)
+            less = one_less_v_dot_h(wi[0, j], wi[1, j], lz, wo[0, j, i], wo[1, j, i], vz, v_h)
+            factor = fresnel(p[j, 4], p[j, 5], p[j, 6], p[j, 7], v_h, less)
+            value = factor * total * straight * straight / (2.0 * math.pi * sigma * sigma)
+            out[j, i] = value / lz / vz
 
 
 class StamGrating(FresnelChoice):
@@ -134,6 +202,7 @@ class StamGrating(FresnelChoice):
     references = ("stam1999", *SOURCES_OF_FACTORS)
     tables = ("depth=0.02..0.5/16", "depth=0.02..0.5/16,profile=lamellar")
     domain = "depth=0.001..1/13log,period=0.31..31/9log"
+    lobes = "coherence=0.3..300/9log"
     conserves_energy = False
     grazing_limit = False
 
@@ -151,6 +220,13 @@ class StamGrating(FresnelChoice):
             raise InputError(
                 f"{self.name}: period = {self.period:g} is out of range; at wavelength = "
                 f"{self.wavelength:g} it must lie in [0.01, {most:g}]"
+            )
+        most = 0.25 * _MOST_ORDERS
+        if self._sigma is not None and self._orders_in_lobe() > most:
+            low = REACH * self.period / (2.0 * math.pi * most)
+            raise InputError(
+                f"{self.name}: coherence = {self.coherence:g} is out of range; of period = "
+                f"{self.period:g} it must be at least {low:.4g}"
             )
         most = _MOST_PHASE * self.wavelength / (4.0 * math.pi)
         if self.depth > most:
@@ -178,6 +254,13 @@ class StamGrating(FresnelChoice):
         length = self.parameters.get("coherence")
         return None if length is None else self.wavelength / (2.0 * math.pi * length)
 
+    def _orders_in_lobe(self) -> float:
+        """How many orders on each side a direction has something of."""
+        assert self._sigma is not None
+        inside = REACH * self._sigma * self.period / self.wavelength
+        flat = self.profile == "lamellar"
+        return inside if flat else min(inside, _last_order(self.pack()[1]))
+
     def pack(self) -> tuple[float, ...]:
         wave = 2.0 * math.pi / self.wavelength * self.depth
         duty = self.parameters.get("duty", math.nan)
@@ -189,7 +272,7 @@ class StamGrating(FresnelChoice):
         if sigma is None:
             return ()
         chart = OrdersChart(self.wavelength / self.period, sigma)
-        return (Part("orders", fill, chart, (sigma, sigma)),)
+        return (Part("orders", fill, chart, (sigma, sigma), formula=formula),)
 
     def spikes(self, wi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         if self._sigma is not None:
