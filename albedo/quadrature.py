@@ -36,12 +36,21 @@ _GRAZING = 1e-18
 _GRAZING_STEP = 1e3
 
 
+LOWEST_COSINE = 1e-60
+"""The smallest cosine above 0: values of a BRDF grow as its fourth power at most, 1e240."""
+
+
 def check_directions(cos_theta: ArrayLike, phi: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     """cos_theta in [0, 1] and phi in radians, as float64 arrays that broadcast."""
     c, p = real_array(cos_theta, "cos_theta"), real_array(phi, "phi")
     outside = (c < 0) | (c > 1)
     if np.any(outside):
         raise InputError(f"cos_theta = {c[outside].flat[0]:g} is out of range; it lies in [0, 1]")
+    if np.any(tiny := (c > 0) & (c < LOWEST_COSINE)):
+        raise InputError(
+            f"cos_theta = {c[tiny].flat[0]:g} is out of range; it is 0 or lies in "
+            f"[{LOWEST_COSINE:g}, 1]"
+        )
     try:
         np.broadcast_shapes(c.shape, p.shape)
     except ValueError:
@@ -80,7 +89,7 @@ def directional_albedo(
     model : Model
         A model of the catalogue, or one made by `albedo.model_from`.
     cos_theta : array_like
-        Cosines of the angle of incidence, in [0, 1]. At 0 the result is the limit.
+        Cosines of the angle of incidence, 0 or in [1e-60, 1]. At 0 the result is the limit.
     phi : array_like
         Azimuth in radians; it broadcasts with `cos_theta`.
     rtol, atol : float

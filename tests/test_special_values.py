@@ -14,9 +14,10 @@ from albedo.analysis.precise import evaluate, precise
 from albedo.brdf import Model
 from albedo.catalogue import names
 from albedo.directions import spherical
-from albedo.errors import DivergenceError
+from albedo.errors import DivergenceError, InputError
 from albedo.geometry import divided, log_secant2, slopes, v_dot_h
 from albedo.grammar import parse
+from albedo.quadrature import LOWEST_COSINE
 
 # Of models with many choices, or with constants that take a second to find, every so manieth set of
 # parameters is tried; the deep suite has all.
@@ -217,3 +218,23 @@ def test_series_whose_first_terms_underflow_have_digits_in_float32(spec: str) ->
     # Exponents of up to ten, whose digits count once in 7.2.
     assert at["float32"].min() > 5.0
     assert frame["float64"].min() > 12.0
+
+
+@pytest.mark.parametrize("name", names())
+def test_albedos_go_on_down_to_the_smallest_cosine(name: str) -> None:
+    """Powers of the cosine, or a limit; below, values of gratings end."""
+    model = as_lobes(albedo.models()[name])
+    c = LOWEST_COSINE * np.array([1.0, 1e3, 1e6])
+    found = albedo.directional_albedo(model, c, 0.3, rtol=1e-6)
+    assert np.all(found.value > 0.0)
+    assert np.all(found.error < 1e-5 * found.value)
+    if name == "he_torrance":
+        # It falls as a power of 1/ln(1/c).
+        assert np.all(np.diff(found.value) > 0.0)
+    else:
+        steps = np.diff(np.log(found.value))
+        # Three values, each with its error.
+        assert abs(steps[1] - steps[0]) < 4e-5
+    for wrong in (1e-61, 5e-324):
+        with pytest.raises(InputError, match=r"is 0 or lies in \[1e-60, 1\]"):
+            albedo.directional_albedo(model, wrong)

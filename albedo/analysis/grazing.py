@@ -173,7 +173,7 @@ def asymptote(
     phi : float
         Azimuth of incidence, radians.
     smallest : float
-        The smallest cosine, within 1e-300 and 1e-6; smaller ones are looked at, by six decades at
+        The smallest cosine, within 1e-60 and 1e-6; smaller ones are looked at, by six decades at
         a time down to 1e-48, where the exponent is not known to 0.001 by then.
     per_decade : int
         Cosines to a decade, at least 2.
@@ -191,8 +191,8 @@ def asymptote(
     InputError
         For arguments out of range, and where an albedo is not known to be above 0.
     """
-    if not 1e-300 <= smallest <= 1e-6:
-        raise InputError(f"smallest = {smallest:g} is out of range; it must be within 1e-300, 1e-6")
+    if not 1e-60 <= smallest <= 1e-6:
+        raise InputError(f"smallest = {smallest:g} is out of range; it must be within 1e-60, 1e-6")
     if per_decade < 2:
         raise InputError(f"per_decade = {per_decade} is out of range; it must be at least 2")
     if not 2 <= decades <= -math.log10(smallest):

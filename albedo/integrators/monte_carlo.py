@@ -332,7 +332,7 @@ def monte_carlo_albedo(
     model : Model
         A model of the catalogue, or one made by `albedo.model_from`.
     cos_theta : array_like
-        Cosines of the angle of incidence, in (0, 1].
+        Cosines of the angle of incidence, in [1e-60, 1].
     phi : array_like
         Azimuth in radians; it broadcasts with `cos_theta`.
     samples : int, optional
