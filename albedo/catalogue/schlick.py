@@ -18,11 +18,11 @@ from albedo.geometry import along_azimuth, capped_slopes, one_less_v_dot_h, v_do
 
 
 @kernel
-def spectral(p, second, u, less):
-    """S(u) of the first layer, or (1 - S(u)) S'(u) of what the second one gets (Schwenk eq. 48)."""
-    if not second:
-        return schlick(p[2], u, less)
-    return (1.0 - p[2]) * schlick_rest(u) * schlick(p[8], u, less)
+def spectral(first, second, below, u, less):
+    """S(u) of the first layer, or (1 - S(u)) S'(u) of what the one below gets (Schwenk eq. 48)."""
+    if not below:
+        return schlick(first, u, less)
+    return (1.0 - first) * schlick_rest(u) * schlick(second, u, less)
 
 
 @kernel
@@ -51,7 +51,9 @@ def lobe(wi, wo, h, p, out, first):
     for j in range(out.shape[0]):
         lx, ly, lz = wi[0, j], wi[1, j], wi[2, j]
         plain, published = p[j, 12] > 0.0, p[j, 13] > 0.0
-        careful = (p[j, 8] if first > 0 else p[j, 2]) < CAREFUL
+        # Numbers, no slice of p: loops with one are not vectorised.
+        below, color, color_2 = first > 0, p[j, 2], p[j, 8]
+        careful = (color_2 if below else color) < CAREFUL
         r, isotropy, b = p[j, first], p[j, first + 1], p[j, first + 4]
         g_l = 1.0 if plain else unmasked(r, lz)
         for i in range(out.shape[1]):
@@ -67,7 +69,7 @@ def lobe(wi, wo, h, p, out, first):
             less = (
                 one_less_v_dot_h(lx, ly, lz, wo[0, j, i], wo[1, j, i], vz, u) if careful else -1.0
             )
-            s = spectral(p[j], first > 0, u, less)
+            s = spectral(color, color_2, below, u, less)
             value = s * b / (4.0 * math.pi) * g * za
             out[j, i] = value / lz / vz if plain else value
 
@@ -78,7 +80,9 @@ def broad(wi, wo, h, p, out, first):
     for j in range(out.shape[0]):
         lx, ly, lz = wi[0, j], wi[1, j], wi[2, j]
         published, turned = p[j, 13] > 0.0, p[j, 14] > 0.0
-        careful = (p[j, 8] if first > 0 else p[j, 2]) < CAREFUL
+        # Numbers, no slice of p: loops with one are not vectorised.
+        below, color, color_2 = first > 0, p[j, 2], p[j, 8]
+        careful = (color_2 if below else color) < CAREFUL
         r, isotropy, a, c = p[j, first], p[j, first + 1], p[j, first + 3], p[j, first + 5]
         g_l = lz * unmasked(r, lz)
         for i in range(out.shape[1]):
@@ -91,7 +95,8 @@ def broad(wi, wo, h, p, out, first):
             less = (
                 one_less_v_dot_h(lx, ly, lz, wo[0, j, i], wo[1, j, i], vz, u) if careful else -1.0
             )
-            out[j, i] = spectral(p[j], first > 0, u, less) * (a + c * lost) / math.pi
+            s = spectral(color, color_2, below, u, less)
+            out[j, i] = s * (a + c * lost) / math.pi
 
 
 @kernel
@@ -257,5 +262,5 @@ class Schlick(Model):
         p = np.array(self.pack())
         total = np.zeros(len(wi))
         for k, g in enumerate(shares):
-            total += g * np.array([spectral(p, k > 0, c, 1.0 - c) for c in wi[:, 2]])
+            total += g * np.array([spectral(p[2], p[8], k > 0, c, 1.0 - c) for c in wi[:, 2]])
         return (wi * np.array([-1.0, -1.0, 1.0]))[None], np.where(wi[:, 2] > 0.0, total, 0.0)[None]
