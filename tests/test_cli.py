@@ -18,7 +18,8 @@ import pytest
 from typer.testing import CliRunner
 
 import albedo
-from albedo.cli import _complete_model, app
+from albedo.cli import app
+from albedo.cli.options import complete_model
 from albedo.describe import citation, promises
 from albedo.grammar import parse
 
@@ -317,7 +318,7 @@ def test_studies_from_the_command_line(tmp_path, monkeypatch):
 
 
 def test_model_names_complete():
-    assert _complete_model("war") == ["ward", "ward_bounded", "ward_duer"]
+    assert complete_model("war") == ["ward", "ward_bounded", "ward_duer"]
 
 
 def test_help_loads_nothing_heavy():

@@ -1,0 +1,5 @@
+"""``python -m albedo.cli``."""
+
+from albedo.cli import main
+
+main()
