@@ -134,7 +134,8 @@ def refine(
     judge_series : callable, optional
         Replaces the errors along v of new cells, of which it has the Legendre series along v too.
     lift : float
-        Errors of cells count for more, up to so many times, where they hold less than their row.
+        What is wanted of a row is wanted of the heights between any two kinks too, and of what lies
+        above each part of them, but errors count for no more than so many times what they are.
 
     Returns
     -------
@@ -217,19 +218,21 @@ def _go_on(
     active = np.ones(n, dtype=bool)
     for _ in range(_ROUNDS):
         value, error, size, leaves = _sums(cells, n)
-        weight = np.ones(cells.row.size)
-        if lift > 1.0:
-            weight = np.clip(size[cells.row] / np.maximum(cells.size, 1e-300), 1.0, lift)
-            error = np.bincount(cells.row, weights=weight * cells.error.sum(1), minlength=n)
-        rounding = _ROUNDINGS * _EPS * size
         target = np.maximum(atol, slack + rtol * np.abs(value))
+        row = _Rows(cells.row, np.arange(n), np.ones(cells.row.size))
+        if lift > 1.0:
+            row, error, size, target = _lifted(cells, size, target, lift)
+        rounding = _ROUNDINGS * _EPS * size
         # Leave half of the tolerance to rounding and to the probe.
-        active &= doubt * error + rounding > 0.5 * target
+        open_ = active[row.owner] & (doubt[row.owner] * error + rounding > 0.5 * target)
+        active[:] = False
+        active[row.owner[open_]] = True
         if not active.any():
             break
-        allowed = 0.25 * target / doubt
+        allowed = 0.25 * target / doubt[row.owner]
         budget = limit - spent - (2 * leaves + 4)
-        work = _plan(cells, weight, allowed, active, budget, spent, begun.rounds, begun.start)
+        work = _plan(cells, row, allowed, open_, budget, spent, begun.rounds, begun.start)
+        active &= work.paid
         if work.parent.size == 0:
             # Only rounding stands above what was asked for, or nothing can be paid for.
             break
@@ -350,12 +353,82 @@ def _start_orders(start: int, code: np.ndarray) -> np.ndarray:
 
 
 @dataclass
+class _Rows:
+    """What has a tolerance: rows, or parts of them.
+
+    Attributes
+    ----------
+    of : ndarray of int
+        That of each cell.
+    owner : ndarray of int
+        The row of each.
+    weight : ndarray
+        How much cells count, with their errors and their sizes.
+    """
+
+    of: np.ndarray
+    owner: np.ndarray
+    weight: np.ndarray
+
+
+def _lifted(
+    cells: Cells, size: np.ndarray, target: np.ndarray, lift: float
+) -> tuple[_Rows, np.ndarray, np.ndarray, np.ndarray]:
+    """Heights from one kink to the next as rows of their own: their errors, sizes and tolerances.
+
+    Parameters
+    ----------
+    cells : Cells
+    size, target : ndarray, shape (n,)
+        Of the rows.
+    lift : float
+        See `refine`.
+    """
+    rank = np.lexsort((cells.box[:, 4], cells.code[:, 0], cells.row))
+    key = np.column_stack((cells.row, cells.code[:, 0], cells.box[:, 4]))[rank]
+    first = np.flatnonzero(np.append(True, np.any(key[1:] != key[:-1], axis=1)))
+    of = np.empty(rank.size, dtype=int)
+    of[rank] = np.repeat(np.arange(first.size), np.diff(np.append(first, rank.size)))
+    owner, weight = cells.row[rank[first]], np.empty(rank.size)
+    _weigh(rank, np.append(first, rank.size), cells.box, cells.size, size[owner] / lift, weight)
+    own = np.bincount(of, weights=cells.size)
+    error = np.bincount(of, weights=weight * cells.error.sum(1))
+    share = np.maximum(own / np.maximum(size, 1e-300)[owner], 1.0 / lift)
+    return _Rows(of, owner, weight), error, own, share * target[owner]
+
+
+@kernel
+def _weigh(rank, ends, box, size, least, weight):
+    """Fill how much cells count: by as much more as there is less above their heights.
+
+    The mean over the heights of a group is what the group is worth.
+    """
+    for r in range(ends.size - 1):
+        whole = columns = 0.0
+        for i in rank[ends[r] : ends[r + 1]]:
+            above = 0.0
+            for j in rank[ends[r] : ends[r + 1]]:
+                common = min(box[i, 3], box[j, 3]) - max(box[i, 2], box[j, 2])
+                if common > 0.0:
+                    above += size[j] * (common / (box[j, 3] - box[j, 2]))
+            weight[i] = max(above, least[r], 1e-300)
+            whole += size[i]
+            columns += size[i] / weight[i]
+        for i in rank[ends[r] : ends[r + 1]]:
+            weight[i] = max(whole / (max(columns, 1.0) * weight[i]), 1.0)
+
+
+@dataclass
 class _Work:
-    """What becomes of cells: new orders, and along which direction they are cut (-1: none)."""
+    """What becomes of cells: new orders, and along which direction they are cut (-1: none).
+
+    `paid` are the rows in which any is computed again.
+    """
 
     parent: np.ndarray
     order: np.ndarray
     cut: np.ndarray
+    paid: np.ndarray
 
     def children(self, cells: Cells) -> Cells:
         """The new cells: one in the place of every parent, then the second halves of those cut."""
@@ -399,7 +472,7 @@ def _copy(i, k, old_row, old_code, old_box, row, code, box):
 
 def _plan(
     cells: Cells,
-    weight: np.ndarray,
+    rows: _Rows,
     allowed: np.ndarray,
     active: np.ndarray,
     budget: np.ndarray,
@@ -409,24 +482,27 @@ def _plan(
 ) -> _Work:
     """Choose, for the cells whose errors a row cannot afford, a higher order or a cut.
 
-    `weight` tells how much cells count, with their errors and their sizes.
-    `allowed` is what the cells left alone may sum to, and once more what the others may come to.
-    A row that cannot pay for all of it from its budget pays for the worst cells; one that does
-    nothing is active no longer. What is paid is added to `spent`, and a round to those that paid.
+    `allowed` is what the cells left alone may sum to, and once more what the others may come to,
+    for those of `rows` that are active.
+    A row that cannot pay for all of it from its budget pays for the worst cells. What is paid is
+    added to `spent`, and a round to those that paid.
     """
-    error, size = cells.error * weight[:, None], cells.size * weight
+    error, size = cells.error * rows.weight[:, None], cells.size * rows.weight
     total = error[:, 0] + error[:, 1]
-    place = np.flatnonzero(active[cells.row])
-    m, row = place.size, cells.row[place]
-    place = place[np.lexsort((total[place], row))]
-    ends = np.concatenate(([0], np.cumsum(np.bincount(row, minlength=active.size))))
+    place = np.flatnonzero(active[rows.of])
+    m, of = place.size, rows.of[place]
+    place = place[np.lexsort((total[place], of))]
+    ends = np.concatenate(([0], np.cumsum(np.bincount(of, minlength=active.size))))
     usual = _start_orders(start, cells.code[place])
     parent, order, cut = np.empty(m, dtype=int), np.empty((m, 2), dtype=int), np.empty(m, dtype=int)
+    paid = np.zeros(spent.size, dtype=int)
     count = _choose_all(
-        *(ends, place, total, error, size, cells.order, usual, allowed, active, budget),
-        *(spent, rounds, parent, order, cut),
+        *(ends, place, total, error, size, cells.order, usual, allowed, active, rows.owner),
+        *(budget, paid, parent, order, cut),
     )
-    return _Work(parent[:count], order[:count], cut[:count])
+    spent += paid
+    rounds += paid > 0
+    return _Work(parent[:count], order[:count], cut[:count], paid > 0)
 
 
 @kernel
@@ -440,17 +516,17 @@ def _choose_all(
     usual,
     allowed,
     active,
+    owner,
     budget,
-    spent,
-    rounds,
+    paid,
     parent,
     order,
     cut,
 ):
-    """Fill parent, order and cut; return how many cells are to be computed again.
+    """Fill parent, order, cut and what is paid; return how many cells are to be computed again.
 
     `place` has the cells of every active row from the smallest error on, those of row r from
-    ends[r] on; `usual` is in the same order.
+    ends[r] on; `usual` is in the same order. Rows of one owner have one budget.
     """
     count = 0
     for r in range(active.size):
@@ -465,7 +541,6 @@ def _choose_all(
                 break
             first += 1
         goal = 0.5 * allowed[r] / max(last - first, 1)
-        paid = 0
         for j in range(last - 1, first - 1, -1):
             i = place[j]
             cut[count] = -1
@@ -473,14 +548,11 @@ def _choose_all(
             if max(old[i, 0], old[i, 1]) > _GLANCE:
                 cut[count] = _choose(goal, error[i], size[i], old[i], order[count])
             cost = order[count, 0] * order[count, 1] * (2 if cut[count] >= 0 else 1)
-            if paid + cost > budget[r]:
+            if paid[owner[r]] + cost > budget[owner[r]]:
                 break
             parent[count] = i
-            paid += cost
+            paid[owner[r]] += cost
             count += 1
-        active[r] = paid > 0
-        spent[r] += paid
-        rounds[r] += paid > 0
     return count
 
 
@@ -635,6 +707,7 @@ def compile_kernels(charts: Iterable[Chart]) -> None:
     none = np.empty(0, int)
     cells = Cells.blank(none, np.empty((0, 6), int), np.empty((0, 6)), np.empty((0, 2), int))
     active, spent = np.ones(1, dtype=bool), np.zeros(1, dtype=int)
-    work = _plan(cells, cells.size, np.ones(1), active, spent, spent, spent, 12)
+    rows = _Rows(none, np.zeros(1, dtype=int), cells.size)
+    work = _plan(cells, rows, np.ones(1), active, spent, spent, spent, 12)
     _audit(cells, work.children(cells), work, np.ones(1))
     compile_cells(charts)
