@@ -123,7 +123,7 @@ def refine(
     limit: int,
     fine: bool = False,
     judge_series: Callable[[Cells], None] | None = None,
-    lift: float = 1.0,
+    weigh: Callable[[np.ndarray, Cells], np.ndarray] | None = None,
 ) -> Refined:
     """Cut and raise cells until their bounds sum to a quarter of what is tolerated, or less.
 
@@ -133,9 +133,9 @@ def refine(
         As in `integrate`.
     judge_series : callable, optional
         Replaces the errors along v of new cells, of which it has the Legendre series along v too.
-    lift : float
-        What is wanted of a row is wanted of the heights between any two kinks too, and of what lies
-        above each part of them, but errors count for no more than so many times what they are.
+    weigh : callable, optional
+        ``weigh(geometry, cells)``: how many times more the errors of each cell count than as they
+        are. What a row is to be worth, the heights from one kink to the next are then as well.
 
     Returns
     -------
@@ -155,7 +155,7 @@ def refine(
         atol=atol,
         limit=limit,
         judge_series=judge_series,
-        lift=lift,
+        weigh=weigh,
     )
     return begun
 
@@ -210,7 +210,7 @@ def _go_on(
     limit: int,
     slack: float | np.ndarray = 0.0,
     judge_series: Callable[[Cells], None] | None = None,
-    lift: float = 1.0,
+    weigh: Callable[[np.ndarray, Cells], np.ndarray] | None = None,
 ) -> None:
     """Cut and raise the cells that were begun, in place; see `refine`."""
     geometry, cells, doubt = begun.geometry, begun.cells, begun.doubt
@@ -220,8 +220,9 @@ def _go_on(
         value, error, size, leaves = _sums(cells, n)
         target = np.maximum(atol, slack + rtol * np.abs(value))
         row = _Rows(cells.row, np.arange(n), np.ones(cells.row.size))
-        if lift > 1.0:
-            row, error, size, target = _lifted(cells, size, target, lift)
+        if weigh is not None:
+            row, error = _lifted(cells, size, weigh(geometry, cells))
+            size, target = size[row.owner], target[row.owner]
         rounding = _ROUNDINGS * _EPS * size
         # Leave half of the tolerance to rounding and to the probe.
         open_ = active[row.owner] & (doubt[row.owner] * error + rounding > 0.5 * target)
@@ -371,51 +372,30 @@ class _Rows:
     weight: np.ndarray
 
 
-def _lifted(
-    cells: Cells, size: np.ndarray, target: np.ndarray, lift: float
-) -> tuple[_Rows, np.ndarray, np.ndarray, np.ndarray]:
-    """Heights from one kink to the next as rows of their own: their errors, sizes and tolerances.
+def _lifted(cells: Cells, size: np.ndarray, weight: np.ndarray) -> tuple[_Rows, np.ndarray]:
+    """Heights from one kink to the next as rows of their own, whose errors count for more.
 
     Parameters
     ----------
     cells : Cells
-    size, target : ndarray, shape (n,)
+    size : ndarray, shape (n,)
         Of the rows.
-    lift : float
+    weight : ndarray
         See `refine`.
+
+    Returns
+    -------
+    _Rows
+    ndarray
+        Their errors, of which each may be as large as that of a row.
     """
-    rank = np.lexsort((cells.box[:, 4], cells.code[:, 0], cells.row))
-    key = np.column_stack((cells.row, cells.code[:, 0], cells.box[:, 4]))[rank]
-    first = np.flatnonzero(np.append(True, np.any(key[1:] != key[:-1], axis=1)))
-    of = np.empty(rank.size, dtype=int)
-    of[rank] = np.repeat(np.arange(first.size), np.diff(np.append(first, rank.size)))
-    owner, weight = cells.row[rank[first]], np.empty(rank.size)
-    _weigh(rank, np.append(first, rank.size), cells.box, cells.size, size[owner] / lift, weight)
-    own = np.bincount(of, weights=cells.size)
-    error = np.bincount(of, weights=weight * cells.error.sum(1))
-    share = np.maximum(own / np.maximum(size, 1e-300)[owner], 1.0 / lift)
-    return _Rows(of, owner, weight), error, own, share * target[owner]
-
-
-@kernel
-def _weigh(rank, ends, box, size, least, weight):
-    """Fill how much cells count: by as much more as there is less above their heights.
-
-    The mean over the heights of a group is what the group is worth.
-    """
-    for r in range(ends.size - 1):
-        whole = columns = 0.0
-        for i in rank[ends[r] : ends[r + 1]]:
-            above = 0.0
-            for j in rank[ends[r] : ends[r + 1]]:
-                common = min(box[i, 3], box[j, 3]) - max(box[i, 2], box[j, 2])
-                if common > 0.0:
-                    above += size[j] * (common / (box[j, 3] - box[j, 2]))
-            weight[i] = max(above, least[r], 1e-300)
-            whole += size[i]
-            columns += size[i] / weight[i]
-        for i in rank[ends[r] : ends[r + 1]]:
-            weight[i] = max(whole / (max(columns, 1.0) * weight[i]), 1.0)
+    place = np.lexsort((cells.box[:, 4], cells.code[:, 0], cells.row))
+    key = np.column_stack((cells.row, cells.code[:, 0], cells.box[:, 4]))[place]
+    first = np.append(True, np.any(key[1:] != key[:-1], axis=1))
+    of = np.empty(place.size, dtype=int)
+    of[place] = np.cumsum(first) - 1
+    owner = cells.row[place[first]]
+    return _Rows(of, owner, weight), np.bincount(of, weights=weight * cells.error.sum(1))
 
 
 @dataclass
