@@ -44,7 +44,7 @@ def test_rows_that_come_late_meet_all_steps_at_once(
 
     monkeypatch.setattr(Profiles, "cut", counted)
     (part,) = SCALED.parts()
-    late = found._profile(part, found._cos[rows], np.ones(rows.size))
+    late = found._profile(part, found._cos[rows], np.zeros(rows.size, dtype=bool))
     assert len(cuts) == 1
     found._cos, found._parts = found._cos[rows], [late]
     value, own = found._values()

@@ -395,7 +395,10 @@ def _lifted(cells: Cells, size: np.ndarray, weight: np.ndarray) -> tuple[_Rows, 
     of = np.empty(place.size, dtype=int)
     of[place] = np.cumsum(first) - 1
     owner = cells.row[place[first]]
-    return _Rows(of, owner, weight), np.bincount(of, weights=weight * cells.error.sum(1))
+    # No more nodes help against rounding, which may be all that is seen of a cell.
+    error = cells.error.sum(1)
+    weight = np.where(error > _ROUNDINGS * _EPS * cells.size, weight, 0.0)
+    return _Rows(of, owner, weight), np.bincount(of, weights=weight * error)
 
 
 @dataclass
