@@ -160,7 +160,7 @@ class _Family:
         series[at, part] = restricted(rows, panel, starts[part], ends[part])
         # What holds nothing at all has no logarithm.
         own = np.all(series[:, :, 0] > 1e-200, axis=0) if ahead else np.zeros(m, dtype=bool)
-        scales = np.column_stack((total, series[:, own, 0]))
+        scales: np.ndarray = np.column_stack((total, series[:, own, 0]))
         scale = np.where(own, np.cumsum(own), 0)
         series /= scales[:, scale, None]
         order, blur, tail, of = np.zeros(m, int), np.zeros(m), np.zeros(m), np.empty(m, int)
@@ -211,7 +211,7 @@ class _Family:
             "geometry": segments.geometry[which],
             "doubt": np.full(n, self.doubt),
             "shift": np.full(n, self.shift),
-            "ahead": np.full(n, self.ahead),
+            "ahead": np.full(n, int(self.ahead)),
             "row": np.repeat(np.arange(n), m),
             "code": segments.code[which][:, self.segment].reshape(n * m, -1),
             "box": box.reshape(n * m, -1),
@@ -274,9 +274,10 @@ class Families:
         self.rtol, self.finest = rtol, finest
         self._stretches: dict[Ahead | None, list[_Stretch]] = {}
 
-    def direct(self, c: np.ndarray, ahead: Ahead | None = None) -> Profiles:
-        """Rows from the model, see `Profiles.of`."""
-        return Profiles.of(self.model, self.part, self.chart, c, self.rtol, ahead)
+    def direct(self, c: np.ndarray, ahead: Ahead | None = None, fine: bool = False) -> Profiles:
+        """Rows from the model, see `Profiles.of`; fine ones are as good as those of families."""
+        rtol = max(self.rtol / _BETTER[1], self.finest) if fine else self.rtol
+        return Profiles.of(self.model, self.part, self.chart, c, rtol, ahead)
 
     def profiles(self, c: np.ndarray, ahead: Ahead | None = None) -> Profiles:
         """Rows at some cosines: those of families where it is worth while; see `Profiles.of`."""
@@ -316,7 +317,7 @@ class Families:
             low, high = np.where(same, middle, low), np.where(same, high, middle)
         # The coordinate itself has a kink at 0.
         starts, ends = np.append(high, (FIRST, 0.0)), np.append(low, (0.0, LAST))
-        found = []
+        found: list[tuple[float, float]] = []
         for start, end in zip(np.sort(starts), np.sort(ends), strict=True):
             # More than this hardly has a family.
             longest = _LONGEST if start >= 0.0 else _GRAZING * (1.0 - end)

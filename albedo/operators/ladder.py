@@ -48,8 +48,9 @@ _SHORTEST = 1e-5
 _INNER, _FINEST = 0.06, 2e-13
 # What they leave unknown of a row is tolerated up to a share of that; then rows are had for steps
 # ahead: towards grazing incidence a mirror leaves what is lost at first, and is much once it is
-# pumped up.
-_COARSE = 0.15
+# pumped up. The few for which that is not enough are had as precisely as families are made of, and
+# for any number of steps.
+_COARSE, _FARTHEST = 0.1, (0.0, 4.0, 12.0, 30.0, 100.0)
 # Sums over rings may have this share of it; slices are not cut to less than a part of a panel,
 # to which twenty halvings lead, after a few rounds that give more nodes.
 _SHARE, _ROUNDS, _NARROWEST = 0.05, 32, 1e-6
@@ -253,7 +254,7 @@ class Ladder:
             nearest = self._nearest(fresh)
             ahead = [profiles.ahead[nearest] for profiles in self._parts]
         else:
-            ahead = [np.zeros(c.size, dtype=bool) for _ in self.model.parts()]
+            ahead = [np.zeros(c.size, dtype=int) for _ in self.model.parts()]
         parts = [
             self._profile(part, c, far) for part, far in zip(self.model.parts(), ahead, strict=True)
         ]
@@ -288,17 +289,20 @@ class Ladder:
         return np.array([self._row[y] for y in piece.y.tolist()])
 
     def _profile(self, part: Part, c: np.ndarray, ahead: np.ndarray) -> Profiles:
-        """Rows, for steps ahead where that is known to be needed."""
+        """Rows, each as far ahead as is known to be needed: not at all, some steps, or all."""
         if part not in self._families:
             finest = _finest(part)
             rtol = max(self.rtol * _INNER, finest)
             self._families[part] = Families(self.model, part, rings_of(part), rtol, finest)
         families = self._families[part]
-        which = [rows for rows in (np.flatnonzero(~ahead), np.flatnonzero(ahead)) if rows.size]
-        found = [
-            families.profiles(c[rows], Ahead(self.curves[0]) if ahead[rows[0]] else None)
-            for rows in which
-        ]
+        which, found = [], []
+        for level in np.unique(ahead).tolist():
+            which.append(rows := np.flatnonzero(ahead == level))
+            if level < 2:
+                found.append(families.profiles(c[rows], Ahead(self.curves[0]) if level else None))
+            else:
+                found.append(families.direct(c[rows], Ahead(self.curves[0], _FARTHEST), True))
+            found[-1].ahead[:] = level
         profiles = Profiles.together(found, which)
         self._meet(profiles, c, 0)
         return profiles
@@ -411,9 +415,9 @@ class Ladder:
             return changed
         for k, (profiles, part) in enumerate(zip(self._parts, self.model.parts(), strict=True)):
             poor = of_panels[k] * len(self._parts) > goal
-            rows = np.flatnonzero(poor & ~profiles.ahead)
+            rows = np.flatnonzero(poor & (profiles.ahead < 2))
             if rows.size:
-                fresh = self._profile(part, self._cos[rows], np.ones(rows.size, dtype=bool))
+                fresh = self._profile(part, self._cos[rows], profiles.ahead[rows] + 1)
                 self._parts[k] = profiles.replaced(rows, fresh)
                 changed = True
         return changed

@@ -50,8 +50,6 @@ _NOISE = 1024.0 * np.finfo(np.float64).eps
 _DIGITS, _MORE, _LEAST = 27.6, 4.0, 8.0
 # Slices that are worth another thread, and rows that one integrates at once.
 _FEW, _BATCH = 300, 64
-# Numbers of steps that may have divided by the known albedo before others are dark no more.
-_STEPS = np.array((0.0, 4.0, 12.0))
 # Kinks that are closer than this, as a share of a panel, are one.
 _SAME = 1e-10
 
@@ -213,9 +211,12 @@ class Ahead:
     ----------
     curve : LogCurve
         The albedo that is known.
+    steps : tuple of float
+        Numbers of steps that may have divided by the known albedo before others are dark no more.
     """
 
     curve: LogCurve
+    steps: tuple[float, ...] = (0.0, 4.0, 12.0)
 
     def shares(
         self,
@@ -245,7 +246,7 @@ class Ahead:
         _larger(geometry[row], code, box, at_l, self.curve.pieces, albedo)
         found = np.empty(row.size)
         order = np.lexsort((albedo[1], row))
-        _share(order, row, albedo[0] - at_l, albedo[1] - at_l, held, _STEPS, found)
+        _share(order, row, albedo[0] - at_l, albedo[1] - at_l, held, np.array(self.steps), found)
         return found
 
     def weights(self, geometry: np.ndarray, cells: Cells) -> np.ndarray:
@@ -263,7 +264,7 @@ class Profiles:
     ----------
     geometry, doubt, shift, ahead : ndarray, shape (n, ...), (n,), (n,), (n,)
         Of the rows: what the chart told, factors of bounds, relative errors that no rule has, and
-        whether steps were looked ahead.
+        how far ahead steps were looked: 0 for not at all.
     row, code, box, order, series : ndarray, shape (m, ...)
         Of the panels: their rows, what the chart needs to know, and Legendre coefficients.
     blur, tail : ndarray, shape (m,)
@@ -321,7 +322,7 @@ class Profiles:
             moved = probe_cells(chart, integrand, done.geometry, cells, n, 1)
             sent = np.maximum(np.bincount(cells.row, cells.value, n), 1e-300)
             shift = 4.0 * moved / sent + doubt_of(part, c)
-            rows = done.geometry, done.doubt, shift, np.full(n, ahead is not None)
+            rows = done.geometry, done.doubt, shift, np.full(n, int(ahead is not None))
             return cls.whole(
                 **dict(zip((*_OF_ROWS, *_OF_PANELS), (*rows, *_stacked(cells)), strict=True))
             )
