@@ -8,8 +8,10 @@ import pytest
 import albedo
 from albedo.brdf import Model
 from albedo.charts.heights import folded
+from albedo.integrators.adaptive import refine
+from albedo.integrators.cells import ModelIntegrand
 from albedo.operators.ladder import Ladder, rings_of
-from albedo.operators.profiles import Ahead, Profiles, _height, _Store
+from albedo.operators.profiles import _LIMIT, Ahead, Profiles, _height, _judge_series, _Store
 
 COSINES = np.array([1.0, 0.7, 0.3, 1e-2, 1e-5])
 MODELS = [
@@ -182,6 +184,24 @@ def test_shares_hold_all_panels_that_are_as_dark() -> None:
     whole = np.bincount(p.row, held)[p.row]
     assert np.all(found <= whole * (1.0 + 1e-12))
     assert np.any(found < 1e-6 * whole)
+
+
+def test_rounding_is_not_refined_against() -> None:
+    """What is next to nothing is had as well as numbers are, without all that may be spent."""
+    model = albedo.model("lafortune_scaled")
+    (part,) = model.parts()
+    c, n = np.geomspace(1e-5, 1e-2, 8), 8
+    numbers = np.tile(np.array(model.pack(), dtype=np.float64), (n, 1))
+    integrand = ModelIntegrand(part.fill, part.packed(numbers), np.full(n, part.scale))
+    done = refine(
+        *(rings_of(part), integrand, c, np.zeros(n), np.tile(part.widths, (n, 1)), True),
+        rtol=4.5e-13,
+        atol=0.0,
+        limit=_LIMIT,
+        judge_series=_judge_series,
+        weigh=Ahead(Ladder(model, None, 1e-6).step()).weights,
+    )
+    assert np.all(done.spent < 0.25 * _LIMIT)
 
 
 def test_stores_grow() -> None:

@@ -232,8 +232,8 @@ def _go_on(
             break
         allowed = 0.25 * target / doubt[row.owner]
         budget = limit - spent - (2 * leaves + 4)
-        work = _plan(cells, row, allowed, open_, budget, spent, begun.rounds, begun.start)
-        active &= work.paid
+        work, paid = _plan(cells, row, allowed, open_, budget, spent, begun.rounds, begun.start)
+        active &= paid
         if work.parent.size == 0:
             # Only rounding stands above what was asked for, or nothing can be paid for.
             break
@@ -403,15 +403,11 @@ def _lifted(cells: Cells, size: np.ndarray, weight: np.ndarray) -> tuple[_Rows, 
 
 @dataclass
 class _Work:
-    """What becomes of cells: new orders, and along which direction they are cut (-1: none).
-
-    `paid` are the rows in which any is computed again.
-    """
+    """What becomes of cells: new orders, and along which direction they are cut (-1: none)."""
 
     parent: np.ndarray
     order: np.ndarray
     cut: np.ndarray
-    paid: np.ndarray
 
     def children(self, cells: Cells) -> Cells:
         """The new cells: one in the place of every parent, then the second halves of those cut."""
@@ -462,13 +458,13 @@ def _plan(
     spent: np.ndarray,
     rounds: np.ndarray,
     start: int,
-) -> _Work:
+) -> tuple[_Work, np.ndarray]:
     """Choose, for the cells whose errors a row cannot afford, a higher order or a cut.
 
     `allowed` is what the cells left alone may sum to, and once more what the others may come to,
     for those of `rows` that are active.
     A row that cannot pay for all of it from its budget pays for the worst cells. What is paid is
-    added to `spent`, and a round to those that paid.
+    added to `spent`, and a round to those that paid, which are returned too.
     """
     error, size = cells.error * rows.weight[:, None], cells.size * rows.weight
     total = error[:, 0] + error[:, 1]
@@ -485,7 +481,7 @@ def _plan(
     )
     spent += paid
     rounds += paid > 0
-    return _Work(parent[:count], order[:count], cut[:count], paid > 0)
+    return _Work(parent[:count], order[:count], cut[:count]), paid > 0
 
 
 @kernel
@@ -691,6 +687,6 @@ def compile_kernels(charts: Iterable[Chart]) -> None:
     cells = Cells.blank(none, np.empty((0, 6), int), np.empty((0, 6)), np.empty((0, 2), int))
     active, spent = np.ones(1, dtype=bool), np.zeros(1, dtype=int)
     rows = _Rows(none, np.zeros(1, dtype=int), cells.size)
-    work = _plan(cells, rows, np.ones(1), active, spent, spent, spent, 12)
+    work, _ = _plan(cells, rows, np.ones(1), active, spent, spent, spent, 12)
     _audit(cells, work.children(cells), work, np.ones(1))
     compile_cells(charts)
