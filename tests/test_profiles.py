@@ -8,8 +8,10 @@ import pytest
 import albedo
 from albedo.brdf import Model
 from albedo.charts.heights import folded
-from albedo.operators.ladder import rings_of
-from albedo.operators.profiles import Profiles, _Store
+from albedo.integrators.adaptive import refine
+from albedo.integrators.cells import ModelIntegrand
+from albedo.operators.ladder import Ladder, rings_of
+from albedo.operators.profiles import _LIMIT, Ahead, Profiles, _height, _judge_series, _Store
 
 COSINES = np.array([1.0, 0.7, 0.3, 1e-2, 1e-5])
 MODELS = [
@@ -140,17 +142,66 @@ def test_rows_are_chosen_extended_and_replaced() -> None:
 
 
 def test_what_is_next_to_nothing_can_be_had_as_precisely() -> None:
-    """Each panel to a share of itself, not of its row, for divisors that lift it."""
+    """Each panel to a share of what is as dark or darker, for divisors that lift it."""
     model = albedo.model("blinn", n=20)
     (part,) = model.parts()
-    for lift in (1.0, 1e6):
-        profiles = Profiles.of(model, part, rings_of(part), COSINES, 1e-11, lift)
-        profiles.sums(0, np.log(COSINES))
-        own = profiles.series[:, 0]
-        row = np.bincount(profiles.row, own)[profiles.row]
-        seen = own > 1e-6 * row
-        worst = float((profiles.blur[seen] / own[seen]).max())
-        assert (worst <= 1e-11) == (lift > 1.0)
+    ahead = Ahead(Ladder(model, None, 1e-6).step())
+    for chosen in (None, ahead):
+        profiles = Profiles.of(model, part, rings_of(part), COSINES, 1e-11, chosen)
+        assert np.all(profiles.ahead == int(chosen is not None))
+        panels = profiles.code, profiles.box, profiles.row, profiles.series[:, 0]
+        worst = float((profiles.blur / ahead.shares(profiles.geometry, *panels)).max())
+        assert (worst <= 1e-11) == (chosen is not None)
+
+
+def test_shares_hold_all_panels_that_are_as_dark() -> None:
+    """Beside sums over all pairs of panels."""
+    model = albedo.model("blinn", n=20)
+    (part,) = model.parts()
+    curve = Ladder(model, None, 1e-6).step()
+    p = Profiles.of(model, part, rings_of(part), COSINES, 1e-8)
+    held = p.series[:, 0]
+    steps = (0.0, 4.0, 12.0, 30.0)
+    found = Ahead(curve, steps).shares(p.geometry, p.code, p.box, p.row, held)
+    height = np.array(
+        [
+            [
+                _height.py_func(p.geometry[r], code[0], code[3], box, t)
+                for r, code, box in zip(p.row, p.code, p.box, strict=True)
+            ]
+            for t in (0.0, 0.5, 1.0)
+        ]
+    )
+    at_l = curve.at(folded(p.geometry[:, 0]))[p.row]
+    albedo_of = np.maximum(curve.at(folded(np.sin(height))), at_l)
+    least, middle = albedo_of.min(0), albedo_of[1]
+    # The same number where V is darker than L, and some ulps elsewhere.
+    darker = (p.row == p.row[:, None]) & (middle <= middle[:, None] + 1e-12)
+    known = np.min(
+        [(darker * (held * np.exp(-k * middle))).sum(1) * np.exp(k * least) for k in steps], axis=0
+    )
+    np.testing.assert_allclose(found, known, rtol=1e-9)
+    whole = np.bincount(p.row, held)[p.row]
+    assert np.all(found <= whole * (1.0 + 1e-12))
+    assert np.any(found < 1e-6 * whole)
+
+
+def test_rounding_is_not_refined_against() -> None:
+    """What is next to nothing is had as well as numbers are, without all that may be spent."""
+    model = albedo.model("lafortune_scaled")
+    (part,) = model.parts()
+    c, n = np.geomspace(1e-5, 1e-2, 8), 8
+    numbers = np.tile(np.array(model.pack(), dtype=np.float64), (n, 1))
+    integrand = ModelIntegrand(part.fill, part.packed(numbers), np.full(n, part.scale))
+    done = refine(
+        *(rings_of(part), integrand, c, np.zeros(n), np.tile(part.widths, (n, 1)), True),
+        rtol=4.5e-13,
+        atol=0.0,
+        limit=_LIMIT,
+        judge_series=_judge_series,
+        weigh=Ahead(Ladder(model, None, 1e-6).step()).weights,
+    )
+    assert np.all(done.spent < 0.25 * _LIMIT)
 
 
 def test_stores_grow() -> None:

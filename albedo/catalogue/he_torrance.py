@@ -165,6 +165,8 @@ def poisson_series(g, c, root, rest):
 @kernel
 def fill(wi, wo, h, p, out):
     """f_dd = F(v.h) G S D / (pi n.l n.v), G = (2 v.h / n.h)^2."""
+    # What knows no more of V than its height.
+    shadow, roughness = np.empty(out.shape[1], out.dtype), np.empty(out.shape[1], out.dtype)
     for j in range(out.shape[0]):
         lx, ly, lz = wi[0, j], wi[1, j], wi[2, j]
         ratio, k2s2, k2t2, scale = p[j, 0], p[j, 1], p[j, 2], p[j, 3]
@@ -173,15 +175,23 @@ def fill(wi, wo, h, p, out):
         sin_l = math.hypot(wi[0, j], wi[1, j])
         s_l = shadowed(ratio, lz, sin_l)
         k_l = roughness_slope(ratio, lz, sin_l)
+        # Nodes that go around rings have heights that come again after so many.
+        period = 0
         for i in range(out.shape[1]):
             vz = wo[2, j, i]
             if min(lz, vz) <= 0.0:
                 out[j, i] = 0.0
                 continue
             hx, hy, hz = h[0, j, i], h[1, j, i], h[2, j, i]
-            sin_v = math.hypot(wo[0, j, i], wo[1, j, i])
-            s_v = shadowed(ratio, vz, sin_v)
-            rough = k2s2 * roughness2(k_l + roughness_slope(ratio, vz, sin_v))
+            if period == 0 and i > 0 and vz == wo[2, j, 0]:
+                period = i
+            if period > 0 and vz == wo[2, j, i - period]:
+                s_v, rough = shadow[i - period], roughness[i - period]
+            else:
+                sin_v = math.hypot(wo[0, j, i], wo[1, j, i])
+                s_v = shadowed(ratio, vz, sin_v)
+                rough = k2s2 * roughness2(k_l + roughness_slope(ratio, vz, sin_v))
+            shadow[i], roughness[i] = s_v, rough
             u = v_dot_h(hx, hy, hz)
             # G D has the series over h_z^2, and h_z^2 in its g.
             less = (

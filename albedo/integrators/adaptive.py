@@ -123,7 +123,7 @@ def refine(
     limit: int,
     fine: bool = False,
     judge_series: Callable[[Cells], None] | None = None,
-    lift: float = 1.0,
+    weigh: Callable[[np.ndarray, Cells], np.ndarray] | None = None,
 ) -> Refined:
     """Cut and raise cells until their bounds sum to a quarter of what is tolerated, or less.
 
@@ -133,8 +133,9 @@ def refine(
         As in `integrate`.
     judge_series : callable, optional
         Replaces the errors along v of new cells, of which it has the Legendre series along v too.
-    lift : float
-        Errors of cells count for more, up to so many times, where they hold less than their row.
+    weigh : callable, optional
+        ``weigh(geometry, cells)``: how many times more the errors of each cell count than as they
+        are. What a row is to be worth, the heights from one kink to the next are then as well.
 
     Returns
     -------
@@ -154,7 +155,7 @@ def refine(
         atol=atol,
         limit=limit,
         judge_series=judge_series,
-        lift=lift,
+        weigh=weigh,
     )
     return begun
 
@@ -209,7 +210,7 @@ def _go_on(
     limit: int,
     slack: float | np.ndarray = 0.0,
     judge_series: Callable[[Cells], None] | None = None,
-    lift: float = 1.0,
+    weigh: Callable[[np.ndarray, Cells], np.ndarray] | None = None,
 ) -> None:
     """Cut and raise the cells that were begun, in place; see `refine`."""
     geometry, cells, doubt = begun.geometry, begun.cells, begun.doubt
@@ -217,19 +218,22 @@ def _go_on(
     active = np.ones(n, dtype=bool)
     for _ in range(_ROUNDS):
         value, error, size, leaves = _sums(cells, n)
-        weight = np.ones(cells.row.size)
-        if lift > 1.0:
-            weight = np.clip(size[cells.row] / np.maximum(cells.size, 1e-300), 1.0, lift)
-            error = np.bincount(cells.row, weights=weight * cells.error.sum(1), minlength=n)
-        rounding = _ROUNDINGS * _EPS * size
         target = np.maximum(atol, slack + rtol * np.abs(value))
+        row = _Rows(cells.row, np.arange(n), np.ones(cells.row.size))
+        if weigh is not None:
+            row, error = _lifted(cells, size, weigh(geometry, cells))
+            size, target = size[row.owner], target[row.owner]
+        rounding = _ROUNDINGS * _EPS * size
         # Leave half of the tolerance to rounding and to the probe.
-        active &= doubt * error + rounding > 0.5 * target
+        open_ = active[row.owner] & (doubt[row.owner] * error + rounding > 0.5 * target)
+        active[:] = False
+        active[row.owner[open_]] = True
         if not active.any():
             break
-        allowed = 0.25 * target / doubt
+        allowed = 0.25 * target / doubt[row.owner]
         budget = limit - spent - (2 * leaves + 4)
-        work = _plan(cells, weight, allowed, active, budget, spent, begun.rounds, begun.start)
+        work, paid = _plan(cells, row, allowed, open_, budget, spent, begun.rounds, begun.start)
+        active &= paid
         if work.parent.size == 0:
             # Only rounding stands above what was asked for, or nothing can be paid for.
             break
@@ -350,6 +354,54 @@ def _start_orders(start: int, code: np.ndarray) -> np.ndarray:
 
 
 @dataclass
+class _Rows:
+    """What has a tolerance: rows, or parts of them.
+
+    Attributes
+    ----------
+    of : ndarray of int
+        That of each cell.
+    owner : ndarray of int
+        The row of each.
+    weight : ndarray
+        How much cells count, with their errors and their sizes.
+    """
+
+    of: np.ndarray
+    owner: np.ndarray
+    weight: np.ndarray
+
+
+def _lifted(cells: Cells, size: np.ndarray, weight: np.ndarray) -> tuple[_Rows, np.ndarray]:
+    """Heights from one kink to the next as rows of their own, whose errors count for more.
+
+    Parameters
+    ----------
+    cells : Cells
+    size : ndarray, shape (n,)
+        Of the rows.
+    weight : ndarray
+        See `refine`.
+
+    Returns
+    -------
+    _Rows
+    ndarray
+        Their errors, of which each may be as large as that of a row.
+    """
+    place = np.lexsort((cells.box[:, 4], cells.code[:, 0], cells.row))
+    key = np.column_stack((cells.row, cells.code[:, 0], cells.box[:, 4]))[place]
+    first = np.append(True, np.any(key[1:] != key[:-1], axis=1))
+    of = np.empty(place.size, dtype=int)
+    of[place] = np.cumsum(first) - 1
+    owner = cells.row[place[first]]
+    # No more nodes help against rounding, which may be all that is seen of a cell.
+    error = cells.error.sum(1)
+    weight = np.where(error > _ROUNDINGS * _EPS * cells.size, weight, 0.0)
+    return _Rows(of, owner, weight), np.bincount(of, weights=weight * error)
+
+
+@dataclass
 class _Work:
     """What becomes of cells: new orders, and along which direction they are cut (-1: none)."""
 
@@ -399,34 +451,37 @@ def _copy(i, k, old_row, old_code, old_box, row, code, box):
 
 def _plan(
     cells: Cells,
-    weight: np.ndarray,
+    rows: _Rows,
     allowed: np.ndarray,
     active: np.ndarray,
     budget: np.ndarray,
     spent: np.ndarray,
     rounds: np.ndarray,
     start: int,
-) -> _Work:
+) -> tuple[_Work, np.ndarray]:
     """Choose, for the cells whose errors a row cannot afford, a higher order or a cut.
 
-    `weight` tells how much cells count, with their errors and their sizes.
-    `allowed` is what the cells left alone may sum to, and once more what the others may come to.
-    A row that cannot pay for all of it from its budget pays for the worst cells; one that does
-    nothing is active no longer. What is paid is added to `spent`, and a round to those that paid.
+    `allowed` is what the cells left alone may sum to, and once more what the others may come to,
+    for those of `rows` that are active.
+    A row that cannot pay for all of it from its budget pays for the worst cells. What is paid is
+    added to `spent`, and a round to those that paid, which are returned too.
     """
-    error, size = cells.error * weight[:, None], cells.size * weight
+    error, size = cells.error * rows.weight[:, None], cells.size * rows.weight
     total = error[:, 0] + error[:, 1]
-    place = np.flatnonzero(active[cells.row])
-    m, row = place.size, cells.row[place]
-    place = place[np.lexsort((total[place], row))]
-    ends = np.concatenate(([0], np.cumsum(np.bincount(row, minlength=active.size))))
+    place = np.flatnonzero(active[rows.of])
+    m, of = place.size, rows.of[place]
+    place = place[np.lexsort((total[place], of))]
+    ends = np.concatenate(([0], np.cumsum(np.bincount(of, minlength=active.size))))
     usual = _start_orders(start, cells.code[place])
     parent, order, cut = np.empty(m, dtype=int), np.empty((m, 2), dtype=int), np.empty(m, dtype=int)
+    paid = np.zeros(spent.size, dtype=int)
     count = _choose_all(
-        *(ends, place, total, error, size, cells.order, usual, allowed, active, budget),
-        *(spent, rounds, parent, order, cut),
+        *(ends, place, total, error, size, cells.order, usual, allowed, active, rows.owner),
+        *(budget, paid, parent, order, cut),
     )
-    return _Work(parent[:count], order[:count], cut[:count])
+    spent += paid
+    rounds += paid > 0
+    return _Work(parent[:count], order[:count], cut[:count]), paid > 0
 
 
 @kernel
@@ -440,17 +495,17 @@ def _choose_all(
     usual,
     allowed,
     active,
+    owner,
     budget,
-    spent,
-    rounds,
+    paid,
     parent,
     order,
     cut,
 ):
-    """Fill parent, order and cut; return how many cells are to be computed again.
+    """Fill parent, order, cut and what is paid; return how many cells are to be computed again.
 
     `place` has the cells of every active row from the smallest error on, those of row r from
-    ends[r] on; `usual` is in the same order.
+    ends[r] on; `usual` is in the same order. Rows of one owner have one budget.
     """
     count = 0
     for r in range(active.size):
@@ -465,7 +520,6 @@ def _choose_all(
                 break
             first += 1
         goal = 0.5 * allowed[r] / max(last - first, 1)
-        paid = 0
         for j in range(last - 1, first - 1, -1):
             i = place[j]
             cut[count] = -1
@@ -473,14 +527,11 @@ def _choose_all(
             if max(old[i, 0], old[i, 1]) > _GLANCE:
                 cut[count] = _choose(goal, error[i], size[i], old[i], order[count])
             cost = order[count, 0] * order[count, 1] * (2 if cut[count] >= 0 else 1)
-            if paid + cost > budget[r]:
+            if paid[owner[r]] + cost > budget[owner[r]]:
                 break
             parent[count] = i
-            paid += cost
+            paid[owner[r]] += cost
             count += 1
-        active[r] = paid > 0
-        spent[r] += paid
-        rounds[r] += paid > 0
     return count
 
 
@@ -635,6 +686,7 @@ def compile_kernels(charts: Iterable[Chart]) -> None:
     none = np.empty(0, int)
     cells = Cells.blank(none, np.empty((0, 6), int), np.empty((0, 6)), np.empty((0, 2), int))
     active, spent = np.ones(1, dtype=bool), np.zeros(1, dtype=int)
-    work = _plan(cells, cells.size, np.ones(1), active, spent, spent, spent, 12)
+    rows = _Rows(none, np.zeros(1, dtype=int), cells.size)
+    work, _ = _plan(cells, rows, np.ones(1), active, spent, spent, spent, 12)
     _audit(cells, work.children(cells), work, np.ones(1))
     compile_cells(charts)

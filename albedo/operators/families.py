@@ -6,6 +6,9 @@ is. A *family* has them at Chebyshev's nodes of a stretch of incidences, on pane
 for all, and is confirmed by fresh incidences between: what it missed there goes into its bounds.
 Stretches end where panels appear or vanish, and are halved where a family does not do. A family is
 made where more incidences are asked for than it takes to make it.
+
+Where what is next to nothing will be much after some steps, each panel has a scale of its own, of
+which the family holds the logarithm: over a stretch it changes by many orders.
 """
 
 from __future__ import annotations
@@ -22,14 +25,19 @@ from albedo.brdf import Model, Part
 from albedo.charts.heights import FIRST, LAST, folded
 from albedo.charts.rings import RingsChart
 from albedo.operators.nodes import LEBESGUE, MOST, TRUST, cosines, places
-from albedo.operators.profiles import Profiles, common, doubt_of, restricted
+from albedo.operators.profiles import TERMS, Ahead, Profiles, common, doubt_of, restricted
 
 _EPS = np.finfo(np.float64).eps
 # Sums of as many terms as a family has rows.
 _ROUNDINGS = 8.0
-# A family is made of 25 rows where so many are asked for. They are better than what is asked for
-# by the second factor, since their errors are amplified, and by the first at least.
-_WORTH, _BETTER = 30, (4.0, 16.0)
+# A family is made of 25 rows where so many are asked for, of which there are many more later where
+# steps are looked ahead. They are better than what is asked for by the second factor, since their
+# errors are amplified, and by the first at least.
+_WORTH, _WORTH_AHEAD, _BETTER = 30, 8, (4.0, 16.0)
+# After steps ahead a row may lose so many times what it may at first.
+_LENIENT = 4.0
+# Mean squares of Legendre's polynomials.
+_NORMS = 1.0 / (2.0 * np.arange(TERMS) + 1.0)
 # What lies nearer to where panels change, in y, is in no stretch.
 _MARGIN = 1e-6
 # Stretches are cut to this at first; towards the horizon, to this times 1 - y.
@@ -95,13 +103,17 @@ class _Family:
         See `_Segments`.
     segment, box, order : ndarray, shape (m, ...)
         Of the panels: the segment, the part of it, and how many coefficients there are.
-    series : ndarray, shape (MOST + 1, m * terms + 1)
-        Chebyshev coefficients of the Legendre coefficients of rows that send on 1, and last of the
-        logarithm of what they do.
+    series : ndarray, shape (MOST + 1, m * terms + scales)
+        Chebyshev coefficients of the Legendre coefficients of panels whose scale is 1, and last of
+        the logarithms of the scales.
+    scale : ndarray of int, shape (m,)
+        The scale of each panel: what a row sends on, or a panel.
     blur, tail : ndarray, shape (m,)
-        As in `Profiles`, for rows that send on 1.
+        As in `Profiles`, for panels whose scale is 1.
     doubt, shift : float
         The worst of the rows it was made from.
+    ahead : bool
+        Whether it is good for steps ahead.
     """
 
     low: float
@@ -111,16 +123,27 @@ class _Family:
     box: np.ndarray
     order: np.ndarray
     series: np.ndarray
+    scale: np.ndarray
     blur: np.ndarray
     tail: np.ndarray
     doubt: float
     shift: float
+    ahead: bool
 
     @classmethod
-    def of(cls, y: np.ndarray, kind: np.ndarray, rows: Profiles, first: int) -> _Family | None:
+    def of(
+        cls,
+        y: np.ndarray,
+        kind: np.ndarray,
+        rows: Profiles,
+        first: int,
+        rtol: float,
+        ahead: Ahead | None,
+    ) -> _Family | None:
         """From rows of one kind at nodes and at fresh incidences y, see `nodes.places`.
 
-        They stand from the first on. Where one sends nothing on there is no family.
+        They stand from the first on. Where one sends nothing on there is no family, nor where it is
+        not worth `rtol`, at first or after steps ahead.
         """
         n = y.size
         mine = np.flatnonzero((rows.row >= first) & (rows.row < first + n))
@@ -135,48 +158,67 @@ class _Family:
         m, at, panel = starts.size, row[place], mine[place]
         series = np.zeros((n, m, rows.series.shape[1]))
         series[at, part] = restricted(rows, panel, starts[part], ends[part])
-        series /= total[:, None, None]
+        # What holds nothing at all has no logarithm.
+        own = np.all(series[:, :, 0] > 1e-200, axis=0) if ahead else np.zeros(m, dtype=bool)
+        scales: np.ndarray = np.column_stack((total, series[:, own, 0]))
+        scale = np.where(own, np.cumsum(own), 0)
+        series /= scales[:, scale, None]
         order, blur, tail, of = np.zeros(m, int), np.zeros(m), np.zeros(m), np.empty(m, int)
         np.maximum.at(order, part, rows.order[panel])
-        np.maximum.at(blur, part, rows.blur[panel] / total[at])
-        np.maximum.at(tail, part, rows.tail[panel] / total[at])
+        np.maximum.at(blur, part, rows.blur[panel] / scales[at, scale[part]])
+        np.maximum.at(tail, part, rows.tail[panel] / scales[at, scale[part]])
         of[part] = segment[place]
         box = np.column_stack((np.zeros(m), np.ones(m), starts, ends))
         low, high, nodes = float(y.min()), float(y.max()), MOST + 1
         basis = _basis(y, low, high)
-        known = np.column_stack((series.reshape(n, -1), np.log(total)))
+        known = np.column_stack((series.reshape(n, -1), np.log(scales)))
         found = basis @ (fitted := np.linalg.solve(basis[:nodes], known[:nodes]))
-        # Moduli of coefficients sum to more than any difference of the two densities.
-        scale = np.exp(found[nodes:, -1] - known[nodes:, -1])
-        off = scale[:, None] * found[nodes:, :-1] - known[nodes:, :-1]
-        missed = np.abs(off).reshape(n - nodes, m, -1).sum(2).max(0)
+        count = scales.shape[1]
+        grown = np.exp(found[nodes:, -count:] - known[nodes:, -count:])[:, scale, None]
+        off = grown * found[nodes:, :-count].reshape(n - nodes, m, -1) - series[nodes:]
+        # The mean modulus of a difference is no more than its mean square's root, by Parseval.
+        missed = np.sqrt((off * off) @ _NORMS).max(0)
         # A panel of next to nothing has the roundings of neighbours that hold more.
         rounding = _ROUNDINGS * _EPS * np.abs(series).sum(2).max(0)
+        blur = TRUST * missed + LEBESGUE * (blur + rounding)
+        doubt, shift = (float(a[first : first + n].max()) for a in (rows.doubt, rows.shift))
+        lost = scales[:, scale] * blur
+        worst = float((lost.sum(1) / total).max())
+        if ahead:
+            code, boxes = np.empty((n, m, 4), dtype=int), np.empty((n, m, 6))
+            code[at, part], boxes[at, part] = rows.code[panel], rows.box[panel]
+            boxes[:, :, 2:4] = box[:, 2:]
+            held = (scales[:, scale] * series[:, :, 0]).ravel()
+            flat = code.reshape(n * m, 4), boxes.reshape(n * m, 6), np.repeat(np.arange(n), m), held
+            share = lost.ravel() / ahead.shares(rows.geometry[first : first + n], *flat)
+            worst = max(worst, float(share.max()) / _LENIENT)
+        if doubt * worst > rtol:
+            return None
         return cls(
-            *(low, high, kind, of, box, order, fitted),
-            *(TRUST * missed + LEBESGUE * (blur + rounding), LEBESGUE * tail),
-            *(float(a[first : first + n].max()) for a in (rows.doubt, rows.shift)),
+            *(low, high, kind, of, box, order, fitted, scale),
+            *(blur, LEBESGUE * tail, doubt, shift, ahead is not None),
         )
 
     def rows(self, segments: _Segments, which: np.ndarray, y: np.ndarray) -> dict[str, np.ndarray]:
         """Rows and panels at some of the rows of segments, which lie at y."""
         n, m = which.size, self.segment.size
         found = _basis(y, self.low, self.high) @ self.series
-        total = np.exp(found[:, -1:])
+        count = self.series.shape[1] - m * TERMS
+        scale = np.exp(found[:, -count:])[:, self.scale]
         box = np.empty((n, m, 6))
         box[:, :, :4], box[:, :, 4:] = self.box, segments.ends[which][:, self.segment]
         return {
             "geometry": segments.geometry[which],
             "doubt": np.full(n, self.doubt),
             "shift": np.full(n, self.shift),
-            "lift": np.ones(n),
+            "ahead": np.full(n, int(self.ahead)),
             "row": np.repeat(np.arange(n), m),
             "code": segments.code[which][:, self.segment].reshape(n * m, -1),
             "box": box.reshape(n * m, -1),
             "order": np.tile(self.order, n),
-            "series": (total * found[:, :-1]).reshape(n * m, -1),
-            "blur": (total * self.blur).ravel(),
-            "tail": (total * self.tail).ravel(),
+            "series": (scale[:, :, None] * found[:, :-count].reshape(n, m, -1)).reshape(n * m, -1),
+            "blur": (scale * self.blur).ravel(),
+            "tail": (scale * self.tail).ravel(),
         }
 
 
@@ -195,11 +237,12 @@ class _Stretch:
         """Those of some coordinates that it holds."""
         return y[(y >= self.low) & (y <= self.high)]
 
-    def wants_one(self, y: np.ndarray) -> bool:
+    def wants_one(self, y: np.ndarray, ahead: Ahead | None) -> bool:
         """Whether a family is worth while when some coordinates are asked for."""
         if self.family is not None or self.hopeless:
             return False
-        return self.asked.size + self.inside(y).size >= _WORTH
+        worth = _WORTH_AHEAD if ahead else _WORTH
+        return self.asked.size + self.inside(y).size >= worth
 
     def halves(self) -> list[_Stretch]:
         middle = 0.5 * (self.low + self.high)
@@ -229,18 +272,20 @@ class Families:
     ) -> None:
         self.model, self.part, self.chart = model, part, chart
         self.rtol, self.finest = rtol, finest
+        self._stretches: dict[Ahead | None, list[_Stretch]] = {}
 
-    def direct(self, c: np.ndarray, lift: float = 1.0) -> Profiles:
-        """Rows from the model, see `Profiles.of`."""
-        return Profiles.of(self.model, self.part, self.chart, c, self.rtol, lift)
+    def direct(self, c: np.ndarray, ahead: Ahead | None = None, fine: bool = False) -> Profiles:
+        """Rows from the model, see `Profiles.of`; fine ones are as good as those of families."""
+        rtol = max(self.rtol / _BETTER[1], self.finest) if fine else self.rtol
+        return Profiles.of(self.model, self.part, self.chart, c, rtol, ahead)
 
-    def profiles(self, c: np.ndarray) -> Profiles:
-        """Rows at some cosines: those of families where it is worth while."""
+    def profiles(self, c: np.ndarray, ahead: Ahead | None = None) -> Profiles:
+        """Rows at some cosines: those of families where it is worth while; see `Profiles.of`."""
         y = folded(c)
         segments = _Segments.of(self.chart, self.part, c)
         found, order = [], []
         left = np.ones(c.size, bool)
-        for family in self._asked(y):
+        for family in self._asked(y, ahead):
             inside = (y >= family.low) & (y <= family.high) & left
             if not inside.any():
                 continue
@@ -252,13 +297,13 @@ class Families:
                 order.append(which)
         rest = np.flatnonzero(left)
         if rest.size:
-            found.append(self.direct(c[rest]))
+            found.append(self.direct(c[rest], ahead))
             order.append(rest)
         return Profiles.together(found, order)
 
     @cached_property
-    def _stretches(self) -> list[_Stretch]:
-        """Between the incidences at which panels appear or vanish."""
+    def _cuts(self) -> list[tuple[float, float]]:
+        """Stretches between the incidences at which panels appear or vanish."""
         if self.rtol < _BETTER[0] * self.finest:
             return []
         y = np.linspace(FIRST, LAST, _SCAN)
@@ -272,27 +317,28 @@ class Families:
             low, high = np.where(same, middle, low), np.where(same, high, middle)
         # The coordinate itself has a kink at 0.
         starts, ends = np.append(high, (FIRST, 0.0)), np.append(low, (0.0, LAST))
-        found = []
+        found: list[tuple[float, float]] = []
         for start, end in zip(np.sort(starts), np.sort(ends), strict=True):
             # More than this hardly has a family.
             longest = _LONGEST if start >= 0.0 else _GRAZING * (1.0 - end)
             count = math.ceil((end - start) / longest)
             cuts = np.linspace(start, end, count + 1).tolist()
-            found += [_Stretch(a, b) for a, b in itertools.pairwise(cuts)]
+            found += itertools.pairwise(cuts)
         return found
 
     def _segments(self, y: np.ndarray) -> _Segments:
         return _Segments.of(self.chart, self.part, cosines(y))
 
-    def _asked(self, y: np.ndarray) -> list[_Family]:
-        """All families, once rows at some coordinates are asked for."""
-        while wanted := [s for s in self._stretches if s.wants_one(y)]:
-            self._make(wanted)
-        for stretch in self._stretches:
+    def _asked(self, y: np.ndarray, ahead: Ahead | None) -> list[_Family]:
+        """All families for some steps ahead, once rows at some coordinates are asked for."""
+        stretches = self._stretches.setdefault(ahead, [_Stretch(*ends) for ends in self._cuts])
+        while wanted := [s for s in stretches if s.wants_one(y, ahead)]:
+            self._make(wanted, ahead)
+        for stretch in stretches:
             stretch.asked = np.concatenate((stretch.asked, stretch.inside(y)))
-        return [stretch.family for stretch in self._stretches if stretch.family is not None]
+        return [stretch.family for stretch in stretches if stretch.family is not None]
 
-    def _make(self, stretches: list[_Stretch]) -> None:
+    def _make(self, stretches: list[_Stretch], ahead: Ahead | None) -> None:
         """Families for stretches; where one is not good enough there are two halves then."""
         ends = np.array([(stretch.low, stretch.high) for stretch in stretches])
         y = ends[:, :1] + places(MOST) * (ends[:, 1:] - ends[:, :1])
@@ -303,18 +349,17 @@ class Families:
         if alike.any():
             c = cosines(y[alike])
             rtol = max(self.rtol / _BETTER[1], self.finest)
-            rows = Profiles.of(self.model, self.part, self.chart, c.ravel(), rtol)
+            rows = Profiles.of(self.model, self.part, self.chart, c.ravel(), rtol, ahead)
             rows.shift -= doubt_of(self.part, c.ravel())
             for k, at in enumerate(np.flatnonzero(alike).tolist()):
                 kind = kinds[at, 0][kinds[at, 0] >= 0]
-                family = _Family.of(folded(c[k]), kind, rows, k * y.shape[1])
-                if family and family.doubt * float(family.blur.sum()) <= 0.5 * self.rtol:
-                    made[at] = family
+                first = k * y.shape[1]
+                made[at] = _Family.of(folded(c[k]), kind, rows, first, 0.5 * self.rtol, ahead)
         for stretch, found in zip(stretches, made, strict=True):
             stretch.family, stretch.hopeless = found, found is None
             if found is None and not stretch.half:
-                self._stretches.remove(stretch)
-                self._stretches += stretch.halves()
+                self._stretches[ahead].remove(stretch)
+                self._stretches[ahead] += stretch.halves()
 
 
 def _basis(y: np.ndarray, low: float, high: float) -> np.ndarray:

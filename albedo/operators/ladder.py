@@ -35,7 +35,7 @@ from albedo.errors import InputError
 from albedo.operators.divisor import CONTROLS, FLAT, TERMS, Divisor, LogCurve, spread, straight
 from albedo.operators.families import Families
 from albedo.operators.nodes import FEWEST, LEBESGUE, MOST, TRUST, cosines, places
-from albedo.operators.profiles import Profiles
+from albedo.operators.profiles import Ahead, Profiles
 
 _EPS = np.finfo(np.float64).eps
 _ROUNDINGS = 40.0
@@ -46,10 +46,11 @@ _MOST_PIECES = 400
 _SHORTEST = 1e-5
 # Integrals around rings are had to this share of the tolerance, or as well as float64 allows.
 _INNER, _FINEST = 0.06, 2e-13
-# What they leave unknown of a row is tolerated up to a share of that; then all that is next
-# to nothing is had as precisely as the rest, down to a millionth of the row, or to nothing at all:
-# towards grazing incidence a mirror leaves what is lost at first, and is much once it is pumped up.
-_COARSE, _LIFTS = 0.15, (1.0, 1e6, 1e40)
+# What they leave unknown of a row is tolerated up to a share of that; then rows are had for steps
+# ahead: towards grazing incidence a mirror leaves what is lost at first, and is much once it is
+# pumped up. The few for which that is not enough are had as precisely as families are made of, and
+# for any number of steps.
+_COARSE, _FARTHEST = 0.1, (0.0, 4.0, 12.0, 30.0, 100.0)
 # Sums over rings may have this share of it; slices are not cut to less than a part of a panel,
 # to which twenty halvings lead, after a few rounds that give more nodes.
 _SHARE, _ROUNDS, _NARROWEST = 0.05, 32, 1e-6
@@ -251,12 +252,11 @@ class Ladder:
         c = cosines(fresh)
         if self._parts:
             nearest = self._nearest(fresh)
-            lifts = [profiles.lift[nearest] for profiles in self._parts]
+            ahead = [profiles.ahead[nearest] for profiles in self._parts]
         else:
-            lifts = [np.ones(c.size) for _ in self.model.parts()]
+            ahead = [np.zeros(c.size, dtype=int) for _ in self.model.parts()]
         parts = [
-            self._profile(part, c, lift)
-            for part, lift in zip(self.model.parts(), lifts, strict=True)
+            self._profile(part, c, far) for part, far in zip(self.model.parts(), ahead, strict=True)
         ]
         if not self._parts:
             self._parts = parts
@@ -288,19 +288,21 @@ class Ladder:
         """The rows of the nodes and of the fresh points of a piece."""
         return np.array([self._row[y] for y in piece.y.tolist()])
 
-    def _profile(self, part: Part, c: np.ndarray, lift: np.ndarray) -> Profiles:
-        """Rows, each with the precision of what is next to nothing that it is known to need."""
+    def _profile(self, part: Part, c: np.ndarray, ahead: np.ndarray) -> Profiles:
+        """Rows, each as far ahead as is known to be needed: not at all, some steps, or all."""
         if part not in self._families:
             finest = _finest(part)
             rtol = max(self.rtol * _INNER, finest)
             self._families[part] = Families(self.model, part, rings_of(part), rtol, finest)
         families = self._families[part]
-        which = [np.flatnonzero(lift == one) for one in _LIFTS]
-        found = [
-            families.profiles(c[rows]) if one == 1.0 else families.direct(c[rows], one)
-            for one, rows in zip(_LIFTS, which, strict=True)
-            if rows.size
-        ]
+        which, found = [], []
+        for level in np.unique(ahead).tolist():
+            which.append(rows := np.flatnonzero(ahead == level))
+            if level < 2:
+                found.append(families.profiles(c[rows], Ahead(self.curves[0]) if level else None))
+            else:
+                found.append(families.direct(c[rows], Ahead(self.curves[0], _FARTHEST), True))
+            found[-1].ahead[:] = level
         profiles = Profiles.together(found, which)
         self._meet(profiles, c, 0)
         return profiles
@@ -409,12 +411,13 @@ class Ladder:
         What was next to nothing is much, once it is divided by small albedos often enough.
         """
         changed = False
+        if not self.curves:
+            return changed
         for k, (profiles, part) in enumerate(zip(self._parts, self.model.parts(), strict=True)):
             poor = of_panels[k] * len(self._parts) > goal
-            rows = np.flatnonzero(poor & (profiles.lift < _LIFTS[-1]))
+            rows = np.flatnonzero(poor & (profiles.ahead < 2))
             if rows.size:
-                above = np.searchsorted(_LIFTS, profiles.lift[rows]) + 1
-                fresh = self._profile(part, self._cos[rows], np.array(_LIFTS)[above])
+                fresh = self._profile(part, self._cos[rows], profiles.ahead[rows] + 1)
                 self._parts[k] = profiles.replaced(rows, fresh)
                 changed = True
         return changed

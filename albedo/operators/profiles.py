@@ -36,7 +36,8 @@ from albedo.integrators.cells import (
 from albedo.integrators.rules import LADDER, gauss, stopping_bound
 from albedo.operators.divisor import LogCurve, curve_at
 
-_TOP = LADDER[-1]
+TERMS = LADDER[-1]
+"""Legendre coefficients of a panel."""
 _LIMIT = 400_000
 # What a series leaves out of a panel, in terms of its last coefficients.
 _TAIL, _WINDOW = 4.0, 3
@@ -198,15 +199,72 @@ class Runs:
     total: np.ndarray
 
 
+@dataclass(frozen=True)
+class Ahead:
+    """What rows will be worth after steps, of which one albedo is known.
+
+    Where both albedos are small, what is next to nothing at first is much once it is divided by
+    them time and again. From step to step most is sent on to heights that are darker, down to where
+    V is as dark as L; so what is wanted of a row is wanted of its heights up to any albedo.
+
+    Attributes
+    ----------
+    curve : LogCurve
+        The albedo that is known.
+    steps : tuple of float
+        Numbers of steps that may have divided by the known albedo before others are dark no more.
+    """
+
+    curve: LogCurve
+    steps: tuple[float, ...] = (0.0, 4.0, 12.0)
+
+    def shares(
+        self,
+        geometry: np.ndarray,
+        code: np.ndarray,
+        box: np.ndarray,
+        row: np.ndarray,
+        held: np.ndarray,
+    ) -> np.ndarray:
+        """What panels will hold, each with all that are as dark or darker, of what they hold now.
+
+        Parameters
+        ----------
+        geometry : ndarray, shape (n, ...)
+            What a chart tells of the rows.
+        code, box, row, held : ndarray, shape (m, ...)
+            Of the panels: what the chart tells of them, their rows, and what they hold.
+
+        Returns
+        -------
+        ndarray, shape (m,)
+            What an error of a panel is to be divided by, at least. It is what the panels hold, but
+            that the darkest part of the panel may have been divided by less than the middle.
+        """
+        albedo = np.empty((2, row.size))
+        at_l = self.curve.at(folded(geometry[:, 0], geometry[:, 1]))[row]
+        _larger(geometry[row], code, box, at_l, self.curve.pieces, albedo)
+        found = np.empty(row.size)
+        order = np.lexsort((albedo[1], row))
+        _share(order, row, albedo[0] - at_l, albedo[1] - at_l, held, np.array(self.steps), found)
+        return found
+
+    def weights(self, geometry: np.ndarray, cells: Cells) -> np.ndarray:
+        """How many times more errors of cells count then than at first."""
+        found = self.shares(geometry, cells.code, cells.box, cells.row, cells.size)
+        size = np.bincount(cells.row, cells.size, geometry.shape[0])[cells.row]
+        return np.maximum(size / np.maximum(found, 1e-300), 1.0)
+
+
 @dataclass
 class Profiles:
     """One part of a model at many incidences.
 
     Attributes
     ----------
-    geometry, doubt, shift, lift : ndarray, shape (n, ...), (n,), (n,), (n,)
+    geometry, doubt, shift, ahead : ndarray, shape (n, ...), (n,), (n,), (n,)
         Of the rows: what the chart told, factors of bounds, relative errors that no rule has, and
-        how many times better what is next to nothing was asked for.
+        how far ahead steps were looked: 0 for not at all.
     row, code, box, order, series : ndarray, shape (m, ...)
         Of the panels: their rows, what the chart needs to know, and Legendre coefficients.
     blur, tail : ndarray, shape (m,)
@@ -217,7 +275,7 @@ class Profiles:
     geometry: np.ndarray
     doubt: np.ndarray
     shift: np.ndarray
-    lift: np.ndarray
+    ahead: np.ndarray
     row: np.ndarray
     code: np.ndarray
     box: np.ndarray
@@ -235,11 +293,11 @@ class Profiles:
         chart: RingsChart,
         cos_theta: np.ndarray,
         rtol: float,
-        lift: float = 1.0,
+        ahead: Ahead | None = None,
     ) -> Profiles:
         """Integrate around rings at some incidences, with panels that are slices as a whole.
 
-        See `albedo.integrators.adaptive.refine` for `lift`.
+        They are worth `rtol` after steps ahead, too.
         """
 
         numbers = np.array(model.pack(), dtype=np.float64)
@@ -256,7 +314,7 @@ class Profiles:
                 atol=0.0,
                 limit=_LIMIT,
                 judge_series=_judge_series,
-                lift=lift,
+                weigh=ahead.weights if ahead else None,
             )
             cells = done.cells
             # What directions moved by an ulp change, as a share of what is sent on, and what the
@@ -264,7 +322,7 @@ class Profiles:
             moved = probe_cells(chart, integrand, done.geometry, cells, n, 1)
             sent = np.maximum(np.bincount(cells.row, cells.value, n), 1e-300)
             shift = 4.0 * moved / sent + doubt_of(part, c)
-            rows = done.geometry, done.doubt, shift, np.full(n, lift)
+            rows = done.geometry, done.doubt, shift, np.full(n, int(ahead is not None))
             return cls.whole(
                 **dict(zip((*_OF_ROWS, *_OF_PANELS), (*rows, *_stacked(cells)), strict=True))
             )
@@ -509,7 +567,7 @@ class Profiles:
             setattr(self, name, np.concatenate((getattr(self, name), more)))
 
 
-_OF_ROWS = ("geometry", "doubt", "shift", "lift")
+_OF_ROWS = ("geometry", "doubt", "shift", "ahead")
 _OF_PANELS = ("row", "code", "box", "order", "series", "blur", "tail")
 _RUNGS = np.array(LADDER)
 
@@ -560,7 +618,7 @@ def _stacked(cells: Cells) -> tuple[np.ndarray, ...]:
     box[:, 2], box[:, 3] = starts, ends
     order = np.zeros(starts.size, int)
     np.maximum.at(order, panel, cells.order[cell, 1])
-    series = np.zeros((starts.size, _TOP))
+    series = np.zeros((starts.size, TERMS))
     np.add.at(series, panel, restricted(cells, cell, box[panel, 2], box[panel, 3]))
     tail = np.bincount(panel, _tails(cells.series, cells.order[:, 1])[cell], starts.size)
     blur = np.bincount(panel, cells.error[cell, 0], starts.size)
@@ -602,16 +660,16 @@ def restricted(
     start, size = cells.box[cell, 2], cells.box[cell, 3] - cells.box[cell, 2]
     part = np.flatnonzero(high - low < size)
     if part.size:
-        rule = gauss(_TOP)
+        rule = gauss(TERMS)
         share = ((high - low) / size)[part, None]
         t = ((low - start) / size)[part, None] + share * rule.nodes
-        values = np.einsum("mjk,mk->mj", legvander(2.0 * t - 1.0, _TOP - 1), series[part])
+        values = np.einsum("mjk,mk->mj", legvander(2.0 * t - 1.0, TERMS - 1), series[part])
         series[part] = share * values @ rule.to_coefficients
     return series
 
 
 # Legendre's recurrence, and no division in a loop.
-_DEGREE = np.arange(_TOP)
+_DEGREE = np.arange(TERMS)
 _RISE, _FALL = (2.0 * _DEGREE + 1.0) / (_DEGREE + 1.0), (_DEGREE + 1.0) / (_DEGREE + 2.0)
 
 
@@ -640,6 +698,40 @@ def _place(g, side, power, box, e_v):
 
 
 @kernel
+def _larger(geometry, code, box, at_l, pieces, found):
+    """Fill the larger albedo of L and V on panels, in logarithms: the least, and in the middle."""
+    for k in range(at_l.size):
+        found[0, k] = math.inf
+        for i in range(3):
+            e_v = _height(geometry[k], code[k, 0], code[k, 3], box[k], 0.5 * i)
+            value = max(curve_at(fold_elevation(e_v), pieces, 0), at_l[k])
+            found[0, k] = min(found[0, k], value)
+            if i == 1:
+                found[1, k] = value
+
+
+@kernel
+def _share(order, row, least, middle, held, steps, found):
+    """Fill what `Ahead.shares` finds; `order` has the panels of each row, from the darkest on."""
+    found[:] = math.inf
+    for k in steps:
+        whole, first = 0.0, 0
+        while first < order.size:
+            # Panels that are equally dark stand for each other.
+            last, i = first, order[first]
+            while last < order.size and row[order[last]] == row[i]:
+                if middle[order[last]] != middle[i]:
+                    break
+                whole += held[order[last]] * math.exp(-k * middle[i])
+                last += 1
+            for j in order[first:last]:
+                found[j] = min(found[j], whole * math.exp(k * least[j]))
+            if last < order.size and row[order[last]] != row[i]:
+                whole = 0.0
+            first = last
+
+
+@kernel
 def _lay_out(
     fresh,
     panel,
@@ -660,7 +752,7 @@ def _lay_out(
     high,
 ):
     """Fill the nodes of slices, integrals around rings by Clenshaw's sum and heights, and ends."""
-    u, last, before = np.empty(_TOP), np.empty(_TOP), np.empty(_TOP)
+    u, last, before = np.empty(TERMS), np.empty(TERMS), np.empty(TERMS)
     for k in fresh:
         i, q = panel[k], order[k]
         g, side, power = geometry[row[i]], code[i, 0], code[i, 3]
