@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from albedo._compile import kernel
 from albedo.brdf import Model, Part, Real
 from albedo.charts._compiled import clustered
 from albedo.charts.cosine import CosineChart
+from albedo.charts.heights import folded
 from albedo.directions import spherical
 from albedo.errors import InputError
 from albedo.integrators.adaptive import integrate
@@ -23,7 +25,7 @@ from albedo.operators.mapping import log_map
 from albedo.operators.maps import Maps, directions_of
 from albedo.operators.pump import _of_stage
 from albedo.operators.split import SplitChart, cut_along
-from albedo.operators.stages import Stages
+from albedo.operators.stages import Stages, stages
 
 
 @kernel
@@ -387,6 +389,74 @@ def test_what_tables_err_by_is_in_the_bound() -> None:
     exact = albedo.directional_albedo(albedo.pump(UPRIGHT, 2), COSINES, rtol=1e-4)
     assert np.all(np.abs(rough.value - exact.value) <= rough.error + exact.error)
     assert np.all(rough.error > exact.error)
+
+
+def test_what_is_passed_on_at_one_place_is_a_triangular_system() -> None:
+    """e_k = own_k - sum over j < k of the shares of e_j: a sum of e_k by the inverse."""
+    rng, steps = np.random.default_rng(6), 4
+    table = log_map(UPRIGHT, 1e-3)
+    shape = table.own.shape
+    tables = tuple(
+        replace(table, own=rng.random(shape), passed=rng.random((*shape, k))) for k in range(steps)
+    )
+    wi = spherical(np.array([0.9, 0.3, 1e-4]), np.array([0.1, 2.0, 4.0]))
+    shares = rng.uniform(-1.0, 1.0, (3, steps))
+    found = Maps(tables, None).combined(wi, shares)
+    y, which = folded(wi[:, 2]), np.empty(3, int)
+    for i in range(3):
+        which[i] = np.flatnonzero((table.box[:, 0] <= y[i]) & (y[i] <= table.box[:, 1]))[0]
+    low, high = table.box[which, 0], table.box[which, 1]
+    along = np.minimum((4.0 * (y - low) / (high - low)).astype(int), 3)
+    around = np.minimum((2.0 * (1.0 - np.cos(2.0 * np.array([0.1, 2.0, 4.0])))).astype(int), 3)
+    for i in range(3):
+        place = which[i], along[i], around[i]
+        system = np.eye(steps)
+        for k, one in enumerate(tables):
+            system[k, :k] = one.passed[place]
+        own = np.array([one.own[place] for one in tables])
+        # What is read leaves out a hundredth of what the table as a whole errs by.
+        own += 0.01 * table.error[which[i]]
+        exact = np.abs(np.linalg.solve(system.T, shares[i])) @ own
+        assert found[i] == pytest.approx(exact, rel=1e-12)
+
+
+@pytest.mark.parametrize("waves", [0.0, 3.0])
+def test_errors_of_tables_are_passed_on_within_the_bound(waves: float) -> None:
+    """Tables that are wrong on purpose, by what they say: up and down along the height."""
+    wrong, rtol = 1e-4, 1e-6 * (1.0 + 1e-3 * waves)
+    tables = stages(UPRIGHT, None, rtol, _of_stage)
+    ratios, bounds = [], []
+    for steps in (1, 2, 3):
+        table = tables.albedos(steps)[-1]
+        order = table.series.shape[2]
+        nodes = np.polynomial.chebyshev.chebpts1(order)
+        y = table.box[:, :1] + 0.5 * (nodes + 1.0) * (table.box[:, 1:2] - table.box[:, :1])
+        off = wrong * (-1.0) ** steps * np.cos(waves * np.tanh(y))
+        basis = np.polynomial.chebyshev.chebvander(nodes, order - 1)
+        series = table.series.copy()
+        series[:, 0] += np.linalg.solve(basis, off.T).T
+        # The series of a wave exceeds it by what it leaves out.
+        worst = 1.01 * wrong
+        tables.tables[-1] = replace(
+            table, series=series, error=table.error + worst, own=table.own + worst
+        )
+        model = albedo.pump(UPRIGHT, steps, rtol=rtol)
+        found = albedo.directional_albedo(model, COSINES, rtol=8.0 * steps * wrong)
+        exact = albedo.directional_albedo(albedo.pump(UPRIGHT, steps), COSINES)
+        assert found.converged.all()
+        apart = np.abs(found.value - exact.value)
+        assert np.all(apart <= found.error + exact.error)
+        (part,) = model.parts()
+        assert part.average_doubt is not None
+        own = part.average_doubt(COSINES, np.zeros(COSINES.size))
+        assert np.all(apart <= own * exact.value + 1e-2 * wrong)
+        ratios.append(float((apart / (own * exact.value)).max()))
+        bounds.append(float(own.max()) / worst)
+    # One table errs by all that it says, but for what is read and left out; a wave by its average.
+    assert ratios[0] >= (0.8 if waves == 0.0 else 0.25)
+    assert bounds[0] <= 1.05
+    # Where each table passes on twice what all before may err by, it is 1 + 3 + 9.
+    assert bounds[2] <= 6.5
 
 
 def test_steps_over_steps_are_more_steps() -> None:

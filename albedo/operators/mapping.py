@@ -29,6 +29,7 @@ from albedo.operators.maps import (
     CURVE,
     HEIGHT,
     LEAF,
+    PATCHES,
     STRIP,
     STRIP_SIZE,
     TURN,
@@ -226,7 +227,7 @@ def log_map(
     Returns
     -------
     LogMap
-        With the bounds that were reached.
+        With the bounds that were reached, what the tables before err by left out.
 
     Raises
     ------
@@ -266,12 +267,16 @@ def log_map(
     series = np.zeros((len(leaves), max(one.turns for one, _ in leaves), _ORDER))
     for k, (rectangle, fit) in enumerate(leaves):
         series[k, : rectangle.turns, : rectangle.order] = fit.series
+    error = np.array([fit.bound for _, fit in leaves])
+    patches = len(leaves), PATCHES, PATCHES
     return LogMap(
         np.array([(*rectangle.y, *rectangle.w) for rectangle, _ in leaves]),
         np.array([rectangle.warp for rectangle, _ in leaves]),
         np.array([rectangle.number for rectangle, _ in leaves]),
         series,
-        np.array([fit.bound for _, fit in leaves]),
+        error,
+        np.array(np.broadcast_to(error[:, None, None], patches)),
+        np.zeros((*patches, len(before))),
         quarter,
         np.array(tree.axis),
         np.array(tree.split),

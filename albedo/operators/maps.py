@@ -30,6 +30,8 @@ _SHARE = 0.01
 # A logarithm that errs by more tells nothing, and its exponential is no number.
 HOPELESS = 700.0
 _WHOLE = 2.0 * math.pi
+PATCHES = 4
+"""Even cells of a rectangle along y, and along w, whose errors are told apart."""
 # Even cells of y and of w in which rectangles are looked up, and their ranges.
 _CELLS = 64
 _RANGES = (FIRST, LAST), (-1.0, 1.0), (0.0, _WHOLE)
@@ -59,6 +61,11 @@ class LogMap:
         Chebyshev coefficients on each, those along w first; q is 1 for an isotropic model.
     error : ndarray, shape (m,)
         Bound on the error over each, relative to the albedo.
+    own : ndarray, shape (m, 4, 4)
+        The same for even cells of each, along y first, without what steps before pass on from the
+        same place: see `albedo.operators.stages`.
+    passed : ndarray, shape (m, 4, 4, k)
+        The shares of the errors of the k tables before, at the same place, that are passed on.
     quarter : bool
         A quarter of the azimuths stands for all.
     axis, split, child : ndarray
@@ -76,6 +83,8 @@ class LogMap:
     strip: np.ndarray
     series: np.ndarray
     error: np.ndarray
+    own: np.ndarray
+    passed: np.ndarray
     quarter: bool
     axis: np.ndarray
     split: np.ndarray
@@ -198,10 +207,41 @@ class Maps:
         if self.tables:
             _divide(wi, wo, *self.known, self.code, out)
 
-    def weigh(self, wi: np.ndarray, wo: np.ndarray, out: np.ndarray) -> None:
-        """Multiply values by what the divisor may err by, relatively, in place."""
-        error = (1.0 + _SHARE) * np.concatenate([table.error for table in self.tables])
-        _weigh(wi, wo, *self.known, np.minimum(error, HOPELESS / len(self.tables)), out)
+    @cached_property
+    def doubts(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Errors of all rectangles (m,), own ones of their cells, and what these pass on."""
+        steps, worst = len(self.tables), HOPELESS / max(len(self.tables), 1)
+        error = np.concatenate([table.error for table in self.tables])
+        # What is read leaves out a share of every series.
+        own = np.concatenate([table.own for table in self.tables])
+        own = own.reshape(error.size, -1) + _SHARE * error[:, None]
+        passed = [
+            np.pad(table.passed, ((0, 0),) * 3 + ((0, steps - j),))
+            for j, table in enumerate(self.tables)
+        ]
+        return (
+            np.minimum((1.0 + _SHARE) * error, worst),
+            np.minimum(own, worst).ravel(),
+            np.concatenate(passed).reshape(-1, steps),
+        )
+
+    def weigh_far(self, wi: np.ndarray, wo: np.ndarray, out: np.ndarray) -> None:
+        """Multiply values, in place, by a bound on what tables make the divisor err by at V.
+
+        In the logarithm, and of the steps that divide by the albedo there; what may be of either
+        side is in it.
+        """
+        _weigh(wi, wo, *self.known, *self.doubts, self.code, -1, out)
+
+    def weigh_near(self, step: int, wi: np.ndarray, wo: np.ndarray, out: np.ndarray) -> None:
+        """Multiply values, in place, by 1 where a step divides by the albedo at L, else by 0."""
+        _weigh(wi, wo, *self.known, *self.doubts, self.code, step, out)
+
+    def combined(self, wi: np.ndarray, shares: np.ndarray) -> np.ndarray:
+        """Bounds on sums of the errors of all tables, (n,): shares (n, steps) of each, at wi."""
+        out = np.empty(len(wi))
+        _combined_all(np.ascontiguousarray(wi), *self.known, *self.doubts, shares, out)
+        return out
 
     def between(self, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
         """The divisor for pairs of unit vectors (n, 3)."""
@@ -421,37 +461,139 @@ def _divide(
             out[k, i] *= math.exp(-product)
 
 
+@inlined
+def _patch_of(x, y, z, j, known, patch):
+    """The rectangle of table j that holds a direction, and its cell."""
+    cells, quarter, axis, split, child, strips, box, warp = known[:8]
+    tree = cells, quarter, axis, split, child, strips
+    k, height, place = _leaf(fold_vector(x, y, z), _across(x, y, quarter[j]), j, *tree)
+    if warp[k] > 0.0:
+        place = warped(place, warp[k])
+    first, _ = _on_part(height, box[k, 0], box[k, 1], PATCHES)
+    second, _ = _on_part(place, box[k, 2], box[k, 3], PATCHES)
+    patch[j] = (k * PATCHES + first) * PATCHES + second
+    return k
+
+
+@inlined
+def _bound(shares, patch, own, passed):
+    """Bound on a sum of errors at one place; the shares are changed.
+
+    What an error of table l is made of is its own, less what it passes on of those before.
+    """
+    total = 0.0
+    for j in range(shares.size - 1, -1, -1):
+        total += abs(shares[j]) * own[patch[j]]
+        for i in range(j):
+            shares[i] -= shares[j] * passed[patch[j], i]
+    return total
+
+
+@inlined
+def _sides(at_l, at_v, of_l, of_v, largest, control, side):
+    """Fill whose albedo every step divides by: that of L (1), of V (2), or neither (0).
+
+    Return what the errors make of this where it cannot be told.
+    """
+    unsure, product, most = 0.0, 0.0, 0.0
+    for j in range(side.size):
+        larger, worst = max(at_l[j], at_v[j]), max(of_l[j], of_v[j])
+        side[j] = 2 if at_v[j] > at_l[j] else 1
+        # The wrong side is off by what errors exceed the distance by.
+        unsure += max(of_l[j] + of_v[j] - abs(at_v[j] - at_l[j]), 0.0)
+        if control == 1:
+            if larger < largest:
+                side[j] = 0
+            unsure += max(worst - abs(larger - largest), 0.0)
+        product += larger
+        most += worst
+    if control == 2:
+        if product < largest:
+            side[:] = 0
+            unsure = 0.0
+        unsure += max(most - abs(product - largest), 0.0)
+    return unsure
+
+
 @kernel
 def _weigh(
-    wi, wo, cells, quarter, axis, split, child, strips, box, warp, parts, start, terms, error, out
+    wi,
+    wo,
+    cells,
+    quarter,
+    axis,
+    split,
+    child,
+    strips,
+    box,
+    warp,
+    parts,
+    start,
+    terms,
+    error,
+    own,
+    passed,
+    control,
+    which,
+    out,
 ):
-    """Multiply values by what the divisor may err by: of each step, the side that is larger."""
+    """Multiply values by a bound on what V adds to the error of the divisor, or, where a step is
+    given, by whether it divides by the albedo at L."""
     steps = cells.shape[0]
-    at_l, at_v, of_l = np.empty(steps), np.empty(steps), np.empty(steps)
+    at_l, at_v, of_l, of_v = np.empty(steps), np.empty(steps), np.empty(steps), np.empty(steps)
+    side, patch, shares = np.empty(steps, np.int64), np.empty(steps, np.int64), np.empty(steps)
     known = cells, quarter, axis, split, child, strips, box, warp, parts, start, terms
-    tree = cells, quarter, axis, split, child, strips
     for k in range(out.shape[0]):
         x, y, z = wi[0, k], wi[1, k], wi[2, k]
         albedos_at(x, y, z, *known, at_l)
-        height = fold_vector(x, y, z)
+        lz = max(z, LOWEST)
         for j in range(steps):
-            of_l[j] = error[_leaf(height, _across(x, y, quarter[j]), j, *tree)[0]]
+            of_l[j] = error[_patch_of(x, y, z, j, known, patch)]
         for i in range(out.shape[1]):
             x, y, z = wo[0, k, i], wo[1, k, i], wo[2, k, i]
             if not z > 0.0:
                 continue
             albedos_at(x, y, z, *known, at_v)
-            height, total = fold_vector(x, y, z), 0.0
             for j in range(steps):
-                of_v = error[_leaf(height, _across(x, y, quarter[j]), j, *tree)[0]]
-                apart, near = at_v[j] - at_l[j], of_v + of_l[j]
-                if apart > near:
-                    total += of_v
-                elif apart < -near:
-                    total += of_l[j]
-                else:
-                    total += max(of_v, of_l[j])
-            out[k, i] *= math.expm1(total)
+                of_v[j] = error[_patch_of(x, y, z, j, known, patch)]
+            largest = math.log(max(z, lz)) if control != 0 else -math.inf
+            unsure = _sides(at_l, at_v, of_l, of_v, largest, control, side)
+            if which >= 0:
+                out[k, i] *= 1.0 if side[which] == 1 else 0.0
+                continue
+            for j in range(steps):
+                shares[j] = 1.0 if side[j] == 2 else 0.0
+            out[k, i] *= unsure + _bound(shares, patch, own, passed)
+
+
+@kernel
+def _combined_all(
+    wi,
+    cells,
+    quarter,
+    axis,
+    split,
+    child,
+    strips,
+    box,
+    warp,
+    parts,
+    start,
+    terms,
+    error,
+    own,
+    passed,
+    shares,
+    out,
+):
+    steps = cells.shape[0]
+    patch, here = np.empty(steps, np.int64), np.empty(steps)
+    known = cells, quarter, axis, split, child, strips, box, warp, parts, start, terms
+    for i in range(out.size):
+        for j in range(steps):
+            _patch_of(wi[i, 0], wi[i, 1], wi[i, 2], j, known, patch)
+            here[j] = shares[i, j]
+        out[i] = _bound(here, patch, own, passed)
 
 
 @kernel

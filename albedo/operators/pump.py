@@ -250,8 +250,8 @@ class Pumped(Model):
             return None
 
         def average(cosines: np.ndarray, phi: np.ndarray) -> np.ndarray:
-            error, value = steps.average(part, self.steps, cosines, phi)
-            found: np.ndarray = doubt(cosines) - self._error(steps) + error / value
+            of_tables = steps.average(part, self.steps, cosines, phi)
+            found: np.ndarray = doubt(cosines) - self._error(steps) + of_tables
             return found
 
         return average
