@@ -295,7 +295,7 @@ class Model:
     domain: ClassVar[str] = ""
     """What an energy map sweeps: the ranges of the main parameters, in the same grammar."""
 
-    lobes: ClassVar[str] = ""
+    as_lobes: ClassVar[str] = ""
     """For a model that is all Dirac parts by default: what makes it lobes, in the same grammar."""
 
     made: ClassVar[float] = 0.0

@@ -200,6 +200,8 @@ def test_a_formula_stands_for_values_of_numpy(spec: str) -> None:
 def test_a_model_of_dirac_parts_is_looked_at_with_lobes() -> None:
     spec = stability.swept("stam_grating")
     assert list(spec.sweep) == ["coherence"]
+    for name in albedo.models():
+        assert stability.named_models(stability.swept(name))[0][1].parts()
     assert stability.swept("stam_grating:depth=0.2") == ModelSpec("stam_grating", {"depth": 0.2})
 
 

@@ -225,8 +225,8 @@ def swept(text: str) -> ModelSpec:
 
     spec = parse_model(text, "A count of digits")
     kind = model_class(spec.name)
-    if not spec.sweep and not spec.fixed and kind.lobes:
-        return thinned(parse_model(f"{spec.name}:{kind.lobes}", "A count of digits"))
+    if not spec.sweep and not spec.fixed and kind.as_lobes:
+        return thinned(parse_model(f"{spec.name}:{kind.as_lobes}", "A count of digits"))
     if not spec.sweep and (spec.fixed or not kind.domain):
         return spec
     return thinned(domain(text))

@@ -317,9 +317,9 @@ class _Models:
         found = cls(spec.name, kind, dict(spec.fixed), swept)
         first = {name: values[0] for name, values in swept.items()}
         default = kind(**found.fixed, **first)
-        if kind.lobes and not default.parts():
+        if kind.as_lobes and not default.parts():
             # Without these parameters there is no value to look at.
-            lobes = parse_model(f"{kind.name}:{kind.lobes}", "A search").sweep
+            lobes = parse_model(f"{kind.name}:{kind.as_lobes}", "A search").sweep
             default = kind(**found.fixed, **first, **{k: v[0] for k, v in lobes.items()})
             found.needed = frozenset(lobes)
         _known(default)

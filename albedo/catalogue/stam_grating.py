@@ -202,7 +202,7 @@ class StamGrating(FresnelChoice):
     references = ("stam1999", *SOURCES_OF_FACTORS)
     tables = ("depth=0.02..0.5/16", "depth=0.02..0.5/16,profile=lamellar")
     domain = "depth=0.001..1/13log,period=0.31..31/9log"
-    lobes = "coherence=0.3..300/9log"
+    as_lobes = "coherence=0.3..300/9log"
     conserves_energy = False
     grazing_limit = False
 
