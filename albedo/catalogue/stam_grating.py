@@ -154,15 +154,20 @@ def formula(wi, wo, h, p, out):
     for j in range(out.shape[0]):
         step, wave, duty, sigma, lz = p[j, 0], p[j, 1], p[j, 2], p[j, 3], wi[2, j]
         reach = int(REACH * sigma / step) + 1
+        last = 0
+        while math.isnan(duty) and last < reach and not vanishes(last, wave):
+            last += 1
+        # Where few orders carry anything all are summed, otherwise those that are near.
+        few = math.isnan(duty) and last < reach
         for i in range(out.shape[1]):
             u, v, w, vz = h[0, j, i], h[1, j, i], h[2, j, i], wo[2, j, i]
             if min(lz, vz) <= 0.0:
                 out[j, i] = 0.0
                 continue
-            nearest = math.floor(u / step + 0.5)
+            middle, side = (0, last) if few else (math.floor(u / step + 0.5), reach)
             total = 0.0
-            for more in range(-reach, reach + 1):
-                n = nearest + more
+            for more in range(-side, side + 1):
+                n = middle + more
                 # J_n of a small phase is over a small w: what counts is the largest.
                 if math.isnan(duty) and vanishes(abs(n), wave):
                     continue
