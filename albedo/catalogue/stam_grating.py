@@ -172,7 +172,10 @@ def formula(wi, wo, h, p, out):
                 if math.isnan(duty) and vanishes(abs(n), wave):
                     continue
                 x, y = (u - n * step) / sigma, v / sigma
-                total += strength(n, wave * w, duty) * math.exp(-0.5 * (x * x + y * y))
+                away = 0.5 * (x * x + y * y)
+                # The root of so small a Gaussian is 0.
+                if away < 2.0 * _VANISHED:
+                    total += strength(n, wave * w, duty) * math.exp(-away)
             v_h = v_dot_h(u, v, w)
             straight = 2.0 * v_h * (v_h / w)
             less = one_less_v_dot_h(wi[0, j], wi[1, j], lz, wo[0, j, i], wo[1, j, i], vz, v_h)
