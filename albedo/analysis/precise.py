@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -91,7 +91,7 @@ def precise() -> Arithmetic:
     names = (*_PLAIN, "asin", "acos", "atan", "atan2")
     functions: dict[str, Any] = {name: getattr(context, name) for name in names}
     functions |= {name: getattr(context, name) for name in ("erfc", "floor", "isfinite", "isnan")}
-    functions |= {"bessel_j": context.besselj}
+    functions |= {"bessel_j": _bessel_j(context)}
     functions |= {"fabs": abs, "pi": +context.pi, "inf": context.inf}
     # numpy's functions of arrays of objects are the methods of these.
     methods = {**{k: functions[k] for k in names}, "rint": context.nint, "floor": context.floor}
@@ -99,6 +99,44 @@ def precise() -> Arithmetic:
     for name, function in methods.items():
         setattr(context.mpf, name, function)
     return Arithmetic("50 digits", context.mpf, object, functions)
+
+
+# Bessel functions of larger arguments are had by recurrence; for smaller ones a series is as fast.
+_BY_RECURRENCE = 20.0
+# Digits beside those that are wanted, and -ln of what the recurrence begins with.
+_GUARD, _BEGINS = 15, 1500.0
+
+
+def _bessel_j(context: Any) -> Callable[[Any, Any], Any]:
+    """J_n(z) of whole orders, in the numbers of a context of mpmath.
+
+    Series of a large argument cancel as many digits as it has units. By Miller's algorithm all
+    orders of an argument are had at once: three terms backwards, and J_0 + 2 (J_2 + J_4 + ...) = 1.
+    """
+
+    @lru_cache(maxsize=8)
+    def all_orders(z: Any) -> list[Any]:
+        m = math.ceil(z) + 1
+        while m * (math.log(2.0 * m / float(z)) - 1.0) < _BEGINS:
+            m += 1 + m // 50
+        with context.workdps(DIGITS + _GUARD):
+            found = [context.mpf(0)] * (m + 2)
+            found[m] = context.mpf(1)
+            for n in range(m, 0, -1):
+                found[n - 1] = 2 * n / z * found[n] - found[n + 1]
+            whole = found[0] + 2 * context.fsum(found[2::2])
+            return [x / whole for x in found]
+
+    def bessel_j(order: Any, z: Any) -> Any:
+        n = abs(int(order))
+        # From here on what it begins with is felt.
+        far = n > z and 2.0 * n * (math.log(2.0 * n / float(z)) - 1.0) > _BEGINS if z > 0 else True
+        if z <= _BY_RECURRENCE or far:
+            return context.besselj(order, z)
+        value = all_orders(z)[n]
+        return -value if order < 0 and n % 2 else value
+
+    return bessel_j
 
 
 @cache

@@ -26,6 +26,8 @@ _MOST_ORDERS = 4000
 _MOST_PHASE = 1e5
 # -ln of a number that is 0, and orders beyond the last that carries something for any phase.
 _VANISHED, _FARTHEST = 760.0, 200_000
+# In widths, from where on the root of a Gaussian is 0.
+_FAR = math.sqrt(4.0 * _VANISHED)
 
 
 def strengths(n: np.ndarray, phase: np.ndarray, duty: np.ndarray) -> np.ndarray:
@@ -154,28 +156,28 @@ def formula(wi, wo, h, p, out):
     for j in range(out.shape[0]):
         step, wave, duty, sigma, lz = p[j, 0], p[j, 1], p[j, 2], p[j, 3], wi[2, j]
         reach = int(REACH * sigma / step) + 1
-        last = 0
-        while math.isnan(duty) and last < reach and not vanishes(last, wave):
-            last += 1
+        # J_n of a small phase is over a small w: what carries something counts for the largest.
+        sinusoid, last, below = math.isnan(duty), _FARTHEST, -1
+        while sinusoid and last - below > 1:
+            between = (last + below) // 2
+            if vanishes(between, wave):
+                last = between
+            else:
+                below = between
         # Where few orders carry anything all are summed, otherwise those that are near.
-        few = math.isnan(duty) and last < reach
+        few = sinusoid and last < reach
         for i in range(out.shape[1]):
             u, v, w, vz = h[0, j, i], h[1, j, i], h[2, j, i], wo[2, j, i]
             if min(lz, vz) <= 0.0:
                 out[j, i] = 0.0
                 continue
-            middle, side = (0, last) if few else (math.floor(u / step + 0.5), reach)
+            nearest = int(u / step + (0.5 if u >= 0.0 else -0.5))
+            # The root of a Gaussian farther away is 0.
+            side = min(reach if not few else _FARTHEST, int(_FAR * sigma / step) + 1)
             total = 0.0
-            for more in range(-side, side + 1):
-                n = middle + more
-                # J_n of a small phase is over a small w: what counts is the largest.
-                if math.isnan(duty) and vanishes(abs(n), wave):
-                    continue
+            for n in range(max(nearest - side, -last), min(nearest + side, last) + 1):
                 x, y = (u - n * step) / sigma, v / sigma
-                away = 0.5 * (x * x + y * y)
-                # The root of so small a Gaussian is 0.
-                if away < 2.0 * _VANISHED:
-                    total += strength(n, wave * w, duty) * math.exp(-away)
+                total += strength(n, wave * w, duty) * math.exp(-0.5 * (x * x + y * y))
             v_h = v_dot_h(u, v, w)
             straight = 2.0 * v_h * (v_h / w)
             less = one_less_v_dot_h(wi[0, j], wi[1, j], lz, wo[0, j, i], wo[1, j, i], vz, v_h)
