@@ -123,6 +123,38 @@ def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     return kernel(function, forceinline=True)
 
 
+def stand_in(name: str) -> Callable[[Callable[..., Any]], Any]:
+    """An inlined kernel for float64 of what `math` has under a name.
+
+    In other arithmetic, `in_single` or that of `albedo.analysis.precise`, it is that function.
+    """
+
+    def declare(function: Callable[..., Any]) -> Any:
+        function.stands_for = name  # type: ignore[attr-defined]
+        return inlined(function)
+
+    return declare
+
+
+def stands_for(function: Any) -> str | None:
+    """The name in `math` of what a kernel is a stand-in for, if it is one."""
+    found: str | None = getattr(function.py_func, "stands_for", None)
+    return found
+
+
+@intrinsic
+def two_to(typing: Any, shifted: Any) -> Any:
+    """2^k for kernels, given k + 1.5 2^52 in float64, |k| < 1023: k is in its last bits."""
+    whole = ir.IntType(64)
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        moved = builder.shl(builder.bitcast(values[0], whole), ir.Constant(whole, 52))
+        one = ir.Constant(whole, 1023 << 52)
+        return builder.bitcast(builder.add(moved, one), ir.DoubleType())
+
+    return types.float64(types.float64), generate
+
+
 def is_kernel(function: Any) -> bool:
     """Whether a function has machine code that `address` can find."""
     return isinstance(function, numba.core.dispatcher.Dispatcher)
@@ -195,7 +227,8 @@ def in_single(function: Any) -> Any:
 def _single_value(value: Any) -> Any:
     """A constant or global of a kernel in float32."""
     if is_kernel(value):
-        return in_single(value)
+        name = stands_for(value)
+        return getattr(math, name) if name else in_single(value)
     if value is math:
         return _single_math()
     if isinstance(value, float | np.float64):

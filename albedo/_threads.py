@@ -10,10 +10,13 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from typing import TypeVar, cast
 
+import numpy as np
+
 from albedo.errors import InputError
 
 _Result = TypeVar("_Result")
 _MOST = 256
+_SHARES = 3
 _inside = threading.local()
 
 
@@ -51,6 +54,26 @@ def side_by_side(work: Callable[[slice], _Result], count: int, least: int) -> li
     workers = threads()
     parts = max(min(workers, count // least), 1)
     return _found(work, [count * k // parts for k in range(parts + 1)])
+
+
+def by_weight(work: Callable[[slice], _Result], weight: np.ndarray, least: float) -> list[_Result]:
+    """What some work finds on parts of items that weigh about the same, in their order.
+
+    Parameters
+    ----------
+    work : callable
+        As for `side_by_side`.
+    weight : ndarray, shape (n,)
+        What each item costs.
+    least : float
+        Less than this is not worth another part.
+    """
+    sums = np.cumsum(weight)
+    total = float(sums[-1]) if sums.size else 0.0
+    # Some more parts than threads: not all that weighs the same takes as long.
+    parts = max(min(_SHARES * threads(), int(total // least)), 1)
+    inner = np.searchsorted(sums, total * np.arange(1, parts) / parts)
+    return _found(work, [0, *np.unique(inner[inner > 0]).tolist(), sums.size])
 
 
 def in_batches(work: Callable[[slice], _Result], count: int, size: int) -> list[_Result]:

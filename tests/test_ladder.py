@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import tracemalloc
 
 import numpy as np
@@ -85,6 +86,25 @@ def test_a_kink_at_grazing_incidence_is_halved_towards_until_it_is_seen() -> Non
         bound = curve.bound[curve.piece(y)] + fine.bound[fine.piece(y)]
         bound += found.doubt(k) + exact.doubt(k)
         assert np.all(np.abs(curve.at(y) - fine.at(y)) <= bound)
+
+
+def test_the_doubt_of_a_divisor_is_that_of_the_worst_pair_of_heights() -> None:
+    """The sum of moduli, pair by pair, without the kernel."""
+    found = climbed(SCALED, 4)
+    curves = found.curves[:4]
+    new = np.concatenate([0.5 * curve.error + curve.bound for curve in curves])
+    edges = np.unique(np.concatenate([curve.edges for curve in curves]))
+    worst = 0.0
+    for light, view in itertools.product(0.5 * (edges[1:] + edges[:-1]), repeat=2):
+        passed = np.zeros(new.size)
+        for curve, transfer in zip(curves, found._transfer, strict=False):
+            (at_l,), (at_v,) = curve.at(np.array([light])), curve.at(np.array([view]))
+            (piece,) = curve.piece(np.array([light if at_l >= at_v else view]))
+            passed[: transfer.shape[1]] += transfer[piece]
+        worst = max(worst, float(np.abs(passed) @ new))
+    expected = 2.0 * worst + found.divisor(4).left_out
+    # Sums of some hundred terms in another order.
+    assert found.doubt(4) == pytest.approx(expected, rel=1e-13)
 
 
 def test_the_doubt_of_a_divisor_takes_no_room_for_all_pairs_of_heights() -> None:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.polynomial import chebyshev
 
 from albedo.charts.heights import FIRST, LAST
-from albedo.operators.divisor import TERMS, LogCurve, straight
+from albedo.operators.divisor import TERMS, LogCurve, curve_along, straight
 from albedo.operators.ladder import _Piece
 from albedo.operators.nodes import places
 
@@ -59,6 +59,27 @@ def test_a_curve_is_its_series(seed: int, pieces: int, fall: float, error: float
     told = curve.bound - curve.error
     # Series that do not fall are read on 32 parts, and what that misses is told.
     assert np.all((told <= allowed) | (curve.polynomials.parts == 32))
+
+
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    pieces=st.integers(1, 60),
+    width=st.floats(1e-6, 1.0),
+    up=st.booleans(),
+)
+def test_a_curve_along_a_slice_is_the_curve(seed: int, pieces: int, width: float, up: bool) -> None:
+    """Nodes that rise or fall, over one piece or many, ends of pieces among them."""
+    rng = np.random.default_rng(seed)
+    curve = curve_of(rng, pieces, 0.3, 1e-10)
+    start = rng.uniform(FIRST, LAST)
+    y = rng.uniform(start, start + width * (LAST - start), 24)
+    y[:2] = rng.choice(curve.edges, 2)
+    y = np.sort(y)[:: 1 if up else -1].copy()
+    out = np.empty(20)
+    curve_along(y, 2, 22, curve.pieces, 0, out)
+    # On an end of a part both its neighbours are the curve.
+    bound = 2.0 * curve.polynomials.left_out.max() + 1e-14 * np.abs(curve.coefficients).sum(1).max()
+    np.testing.assert_allclose(out, curve.at(y[2:22]), rtol=0.0, atol=bound)
 
 
 @pytest.mark.parametrize("gaps", [4, 8])

@@ -53,6 +53,8 @@ def test_cut_slices_keep_the_sum(model: Model, rng: np.random.Generator) -> None
         place = s.start[which] + rng.uniform(size=which.size) * (s.end - s.start)[which]
         fresh = profiles.cut(which, place)
         assert fresh.size >= which.size
+        # No step divides by anything yet.
+        profiles.slices.log_product[:] = 0.0
     s = profiles.slices
     # Every panel is covered once.
     widths = np.bincount(s.panel, s.end - s.start)
@@ -202,6 +204,23 @@ def test_rounding_is_not_refined_against() -> None:
         weigh=Ahead(Ladder(model, None, 1e-6).step()).weights,
     )
     assert np.all(done.spent < 0.25 * _LIMIT)
+
+
+def test_slices_that_stay_take_over_their_nodes() -> None:
+    """Nodes are moved together where there are many holes, and stay where there are few."""
+    for kept, moved in ((0.9, False), (0.2, True)):
+        slices = profiles_of(MODELS[2]).slices
+        order, first = slices.order.copy(), slices.first.copy()
+        which = np.arange(order.size) < kept * order.size
+        before = [
+            slices.density[a : a + q] for a, q in zip(first[which], order[which], strict=True)
+        ]
+        nodes = slices._nodes.size
+        found = slices.taken(which)
+        assert (found._nodes.size < nodes) == moved
+        for k, values in enumerate(before):
+            mine = slice(found.first[k], found.first[k] + found.order[k])
+            np.testing.assert_array_equal(found.density[mine], values)
 
 
 def test_stores_grow() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import albedo
-from albedo._threads import in_batches, side_by_side, threads
+from albedo._threads import by_weight, in_batches, side_by_side, threads
 from albedo.charts.heights import (
     FIRST,
     LAST,
@@ -52,6 +52,17 @@ def test_parts_come_in_order_and_cover_all(monkeypatch: pytest.MonkeyPatch) -> N
     ):
         assert len(found) > 1
         np.testing.assert_array_equal(np.concatenate(found), items)
+    weight = np.arange(1000) % 7
+    found = by_weight(lambda part: items[part], weight, 100.0)
+    np.testing.assert_array_equal(np.concatenate(found), items)
+    shares = [weight[part].sum() for part in found]
+    # No two of them differ by more than an item.
+    assert len(found) == 9
+    assert max(shares) - min(shares) <= 2 * weight.max()
+    # One item that outweighs all others is a part of its own.
+    heavy = by_weight(lambda part: items[part], np.where(items == 500, 1e6, 1.0), 1.0)
+    np.testing.assert_array_equal(np.concatenate(heavy), items)
+    assert [part.size for part in by_weight(lambda part: items[part], np.empty(0), 1.0)] == [0]
     # Nothing at all is one empty part.
     assert [part.size for part in in_batches(lambda part: items[part], 0, 64)] == [0]
     assert [part.size for part in side_by_side(lambda part: items[part], 0, 10)] == [0]

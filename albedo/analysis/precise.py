@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from albedo._compile import is_kernel, translated
+from albedo._compile import is_kernel, stands_for, translated
 from albedo.brdf import Model, Part
 from albedo.errors import InputError
 from albedo.special import bessel_j
@@ -165,7 +165,8 @@ def rebuilt(kernel: Any, arithmetic: Arithmetic) -> Callable[..., Any]:
 def _translated(value: Any, arithmetic: Arithmetic) -> Any:
     """A global of a kernel in another arithmetic."""
     if is_kernel(value):
-        return rebuilt(value, arithmetic)
+        name = stands_for(value)
+        return arithmetic.functions[name] if name else rebuilt(value, arithmetic)
     if value is math:
         return SimpleNamespace(**arithmetic.functions)
     if value is bessel_j:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from albedo._compile import kernel
+from albedo._compile import inlined, kernel
 from albedo.brdf import Choice, Part, Real
 from albedo.catalogue._fresnel import SOURCES_OF_FACTORS, FresnelChoice
 from albedo.charts.cosine import CosineChart
@@ -16,6 +16,7 @@ from albedo.charts.polar import PolarChart
 from albedo.fresnel import fresnel, is_careful
 from albedo.geometry import one_less_v_dot_h, v_dot_h
 from albedo.microfacet import beckmann_hidden
+from albedo.special import exp
 
 
 @kernel
@@ -103,31 +104,78 @@ def log_weight(g, m):
     return -deviance - stirling
 
 
+@inlined
+def _eight_terms(first, way, c, root, rest, heights, over):
+    """Fill the roots of exp(-c/m) root^2 rest^2, and them over m, for eight m up or down."""
+    for j in range(heights.size):
+        m = max(first + way * j, 1.0)
+        height = root * exp(-0.5 * c / m) * rest
+        heights[j] = height
+        over[j] = height / m
+
+
+@inlined
+def _eight_weights(weight, ratios, heights, over):
+    """Make weights of their ratios, the first to a given one; the sum of the terms, and the last.
+
+    Terms are summed in pairs: nothing waits long for what comes before.
+    """
+    w_0 = weight * ratios[0]
+    w_1 = w_0 * ratios[1]
+    w_2 = w_1 * ratios[2]
+    w_3 = w_2 * ratios[3]
+    w_4 = w_3 * ratios[4]
+    w_5 = w_4 * ratios[5]
+    w_6 = w_5 * ratios[6]
+    w_7 = w_6 * ratios[7]
+    t_01 = w_0 * heights[0] * over[0] + w_1 * heights[1] * over[1]
+    t_23 = w_2 * heights[2] * over[2] + w_3 * heights[3] * over[3]
+    t_45 = w_4 * heights[4] * over[4] + w_5 * heights[5] * over[5]
+    before, last = w_6 * heights[6] * over[6], w_7 * heights[7] * over[7]
+    return (t_01 + t_23) + (t_45 + (before + last)), before, last, w_7
+
+
 @kernel
-def poisson_series(g, c, root, rest):
+def _huge_terms(weight, ratios, heights, over):
+    """The sum of terms up to the first that is about to leave the range of numbers."""
+    total = 0.0
+    for j in range(heights.size):
+        weight *= ratios[j]
+        total += weight * heights[j] * over[j]
+        if weight <= 1e-300 or heights[j] > 1e200:
+            break
+    return total
+
+
+@kernel
+def poisson_series(g, c, root, rest, room):
     """(root rest)^2 times the sum over m >= 1 of g^(m-1) e^-g/(m! m) exp(-c/m), root-wise.
 
     That is the series of He et al. 1991, eq. 78, over g, and what it is multiplied by: the series
     alone may be below the range of numbers. Up to g = 40 it starts with m = 1, up to 100 with the
     largest term, before which e^-g is below what float32 has. Above, the sum is a trapezoid rule
     of a smooth function, so a wider step around the largest term gives the same number.
+
+    The room is three arrays of eight numbers: the terms come eight at a time, side by side.
     """
+    ratios, heights, over = room
     if g <= 40.0:
-        weight = math.exp(-g)
-        # m is a float all along: an integer would draw float32 up to float64.
-        total, before, m = 0.0, 0.0, 0.0
+        weight, total, first = math.exp(-g), 0.0, 1.0
         while True:
-            m += 1.0
-            if m > 1.0:
-                weight *= g / m
-            height = root * math.exp(-0.5 * c / m) * rest
-            term = weight / m * height * height
-            total += term
+            _eight_terms(first, 1.0, c, root, rest, heights, over)
+            for j in range(heights.size):
+                ratios[j] = g / (first + j)
+            if first == 1.0:
+                ratios[0] = 1.0
+            # They rise with m.
+            if heights[7] > 1e200:
+                return total + _huge_terms(weight, ratios, heights, over)
+            some, before, last, weight = _eight_weights(weight, ratios, heights, over)
+            total += some
             # The first terms of a far tail underflow: only a falling term ends the sum.
-            ends = total > 0.0 and term <= before and term <= 1e-17 * total
-            if ends or weight <= 1e-300 or height > 1e200:
+            if (total > 0.0 and last <= before and last <= 1e-17 * total) or weight <= 1e-300:
                 return total
-            before = term
+            first += 8.0
     # The largest term: m log(m/g) = c/m.
     m0 = g + c / g
     for _ in range(6):
@@ -135,19 +183,26 @@ def poisson_series(g, c, root, rest):
     if g <= 100.0:
         # Its floor, without an integer on the way.
         m0 -= m0 % 1.0
-        first = math.exp(log_weight(g, m0)) / (g * math.sqrt(2.0 * math.pi * m0))
+        largest = math.exp(log_weight(g, m0)) / (g * math.sqrt(2.0 * math.pi * m0))
         total = 0.0
         for side in range(2):
-            m, weight = m0, first
-            while m >= 1.0:
-                height = root * math.exp(-0.5 * c / m) * rest
-                term = weight / m * height * height
-                if side == 0 or m < m0:
-                    total += term
-                if term <= 1e-17 * total and m != m0:
+            way = 1.0 - 2.0 * side
+            weight, first = largest, m0 - side
+            while first >= 1.0:
+                _eight_terms(first, way, c, root, rest, heights, over)
+                for j in range(heights.size):
+                    m = first + way * j
+                    ratios[j] = g / m if side == 0 else (m + 1.0) / g
+                    # Down to the first term, and no further.
+                    if m < 1.0:
+                        ratios[j] = 0.0
+                if first == m0:
+                    ratios[0] = 1.0
+                some, _, last, weight = _eight_weights(weight, ratios, heights, over)
+                total += some
+                if last <= 1e-17 * total:
                     break
-                weight *= g / (m + 1.0) if side == 0 else m / g
-                m += 1.0 if side == 0 else -1.0
+                first += 8.0 * way
         return total
     step = 0.55 / math.sqrt(1.0 / m0 + 2.0 * c / (m0 * m0 * m0))
     # A step that m0 can be added to exactly: nodes that are rounded cost sqrt(g) ulps.
@@ -167,6 +222,7 @@ def fill(wi, wo, h, p, out):
     """f_dd = F(v.h) G S D / (pi n.l n.v), G = (2 v.h / n.h)^2."""
     # What knows no more of V than its height.
     shadow, roughness = np.empty(out.shape[1], out.dtype), np.empty(out.shape[1], out.dtype)
+    room = np.empty(8, out.dtype), np.empty(8, out.dtype), np.empty(8, out.dtype)
     for j in range(out.shape[0]):
         lx, ly, lz = wi[0, j], wi[1, j], wi[2, j]
         ratio, k2s2, k2t2, scale = p[j, 0], p[j, 1], p[j, 2], p[j, 3]
@@ -200,7 +256,7 @@ def fill(wi, wo, h, p, out):
             factor = fresnel(f_code, f_a, f_b, f_c, u, less) * scale * rough / math.pi
             out[j, i] = poisson_series(
                 *(rough * hz * hz, 0.25 * k2t2 * (hx * hx + hy * hy)),
-                *(4.0 * u * u * math.sqrt(max(factor, 0.0)) * math.sqrt(s_l), math.sqrt(s_v)),
+                *(4.0 * u * u * math.sqrt(max(factor, 0.0)) * math.sqrt(s_l), math.sqrt(s_v), room),
             )
 
 
@@ -219,6 +275,12 @@ def mirror_share(c, p):
     shadow = c * shadowed(p[0], c, s)
     g = p[1] * roughness2(2.0 * roughness_slope(p[0], c, s)) * 4.0 * c * c
     return fresnel(int(p[5]), p[6], p[7], p[8], c) * math.exp(-g) * shadow * shadow
+
+
+@kernel
+def _mirror_shares(cos_theta, p, out):
+    for i in range(out.size):
+        out[i] = mirror_share(cos_theta[i], p) if cos_theta[i] > 0.0 else 0.0
 
 
 class HeTorrance(FresnelChoice):
@@ -281,7 +343,8 @@ class HeTorrance(FresnelChoice):
             return super().spikes(wi)
         p = np.array(self.pack())
         directions = wi * np.array([-1.0, -1.0, 1.0])
-        share = np.array([mirror_share(c, p) if c > 0.0 else 0.0 for c in wi[:, 2]])
+        share = np.empty(wi.shape[0])
+        _mirror_shares(np.ascontiguousarray(wi[:, 2]), p, share)
         return directions[None], share[None]
 
     def grazing_albedo(self) -> float:

@@ -24,6 +24,7 @@ def fill(wi, wo, h, p, out):
     S_p = pi t_x t_y sum of e^-g g^m/(m! m) exp(-k^2 (u^2 t_x^2 + v^2 t_y^2)/(4 m)), where
     g = (k w sigma)^2 and (u, v) is the tangential part of l + v.
     """
+    room = np.empty(8, out.dtype), np.empty(8, out.dtype), np.empty(8, out.dtype)
     for j in range(out.shape[0]):
         lx, ly, lz = wi[0, j], wi[1, j], wi[2, j]
         k2s2, x2, y2, scale = p[j, 0], p[j, 1], p[j, 2], p[j, 3]
@@ -43,8 +44,17 @@ def fill(wi, wo, h, p, out):
             # S_p/w^2 has the series over g, and w^2 in its g.
             out[j, i] = poisson_series(
                 *(k2s2 * w * w, 0.25 * (x2 * hx * hx + y2 * hy * hy)),
-                *(2.0 * u * u * math.sqrt(factor) / math.sqrt(lz), 1.0 / math.sqrt(vz)),
+                *(2.0 * u * u * math.sqrt(factor) / math.sqrt(lz), 1.0 / math.sqrt(vz), room),
             )
+
+
+@kernel
+def _mirror_shares(cos_theta, p, out):
+    """F e^-g at the mirror direction: the energy of the Dirac part."""
+    for i in range(out.size):
+        c, out[i] = cos_theta[i], 0.0
+        if c > 0.0:
+            out[i] = fresnel(int(p[4]), p[5], p[6], p[7], c) * math.exp(-4.0 * p[0] * c * c)
 
 
 class StamGaussian(FresnelChoice):
@@ -104,12 +114,7 @@ class StamGaussian(FresnelChoice):
     def spikes(self, wi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         if self.mirror == "off":
             return super().spikes(wi)
-        k2s2, _, _, _, code, a, b, c = self.pack()
         directions = wi * np.array([-1.0, -1.0, 1.0])
-        share = np.array(
-            [
-                fresnel(int(code), a, b, c, z) * math.exp(-4.0 * k2s2 * z * z) if z > 0.0 else 0.0
-                for z in wi[:, 2]
-            ]
-        )
+        share = np.empty(wi.shape[0])
+        _mirror_shares(np.ascontiguousarray(wi[:, 2]), np.array(self.pack()), share)
         return directions[None], share[None]

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, Protocol, TypeGuard
 
 import numpy as np
 
 from albedo._compile import address, indirect, is_kernel, kernel
+from albedo._threads import by_weight
 from albedo.charts._compiled import CompiledChart
 from albedo.integrators.rules import LADDER, bounds_of, gauss
 
@@ -24,6 +25,8 @@ Integrand = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarra
 _EPS = np.finfo(np.float64).eps
 # Nodes in one block, of nine numbers each: for a call from Python, and inside a kernel.
 _BLOCK, _INNER_BLOCK = 16384, 2048
+# Nodes that are worth another thread.
+_WORTH = 8192
 # First Legendre moments of both marginals, compared when a cell is computed again: several
 # numbers, because the value alone may happen to agree.
 MOMENTS = 4
@@ -77,12 +80,15 @@ class ModelIntegrand:
         Factors of the values.
     swap : bool
         The fixed direction is the view, not the light.
+    shared : bool
+        All cores work on it, where it is compiled.
     """
 
     fill: Callable[..., Any]
     p: np.ndarray
     scale: np.ndarray
     swap: bool = False
+    shared: bool = False
 
     def __call__(
         self, row: np.ndarray, wi: np.ndarray, wo: np.ndarray, h: np.ndarray
@@ -107,9 +113,7 @@ class ModelIntegrand:
 def of_rows(integrand: Integrand, rows: np.ndarray) -> Integrand:
     """The integrand of some rows only, which count from 0."""
     if isinstance(integrand, ModelIntegrand):
-        return ModelIntegrand(
-            integrand.fill, integrand.p[rows], integrand.scale[rows], integrand.swap
-        )
+        return replace(integrand, p=integrand.p[rows], scale=integrand.scale[rows])
     return lambda row, wi, wo, h: integrand(rows[row], wi, wo, h)
 
 
@@ -189,11 +193,19 @@ def evaluate(chart: Chart, integrand: Integrand, geometry: np.ndarray, cells: Ce
     geometry = geometry[row]
     if isinstance(integrand, ModelIntegrand) and integrand.compiled(chart):
         lay_out, numbers = chart.layout
-        _sweep(
-            *(address(lay_out, NODES_TYPES), numbers, geometry, code, box),
-            *(address(integrand.fill, _FILL_TYPES), integrand.p[row], integrand.scale[row]),
-            *(order, rank, *rules_by_order(), _INNER_BLOCK, *cells.measured),
-        )
+        nodes, fill = address(lay_out, NODES_TYPES), address(integrand.fill, _FILL_TYPES)
+        p, scale, rules = integrand.p[row], integrand.scale[row], rules_by_order()
+
+        def sweep(part: slice) -> None:
+            _sweep(
+                *(nodes, numbers, geometry[part], code[part], box[part], fill, p[part]),
+                *(scale[part], order[part], rank[part], *rules, _INNER_BLOCK, *cells.measured),
+            )
+
+        if integrand.shared:
+            by_weight(sweep, order.prod(1), _WORTH)
+        else:
+            sweep(slice(None))
         return
     edges = np.flatnonzero(np.diff(key[rank])) + 1
     for start, stop in itertools.pairwise((0, *edges.tolist(), rank.size)):

@@ -72,6 +72,16 @@ def _cell(y):
 
 
 @inlined
+def _variable(y, a, b, bent):
+    """The variable of a series at a place of its piece; see `straight`."""
+    if bent == 1:
+        return 2.0 * math.sqrt((y - a) / (b - a)) - 1.0
+    if bent == 2:
+        return 1.0 - 2.0 * math.sqrt((b - y) / (b - a))
+    return ((y - a) - (b - y)) / (b - a)
+
+
+@inlined
 def _series_of(y, pieces, j):
     """The piece of curve j that holds y, and the variable of its series; see `packed`."""
     edges, bent, _, _, _, first = pieces
@@ -84,12 +94,7 @@ def _series_of(y, pieces, j):
         else:
             high = middle
     a, b = edges[low], edges[low + 1]
-    y = min(max(y, a), b)
-    if bent[low] == 1:
-        return low, 2.0 * math.sqrt((y - a) / (b - a)) - 1.0
-    if bent[low] == 2:
-        return low, 1.0 - 2.0 * math.sqrt((b - y) / (b - a))
-    return low, ((y - a) - (b - y)) / (b - a)
+    return low, _variable(min(max(y, a), b), a, b, bent[low])
 
 
 @inlined
@@ -103,15 +108,61 @@ def _part_of(y, pieces, j):
 
 
 @inlined
+def _polynomial(c_0, c_1, c_2, c_3, c_4, c_5, c_6, c_7, t):
+    # Not one chain of products, in which each waits for the one before.
+    square = t * t
+    low = (c_0 + c_1 * t) + (c_2 + c_3 * t) * square
+    high = (c_4 + c_5 * t) + (c_6 + c_7 * t) * square
+    return low + high * (square * square)
+
+
+@inlined
 def curve_at(y, pieces, j):
     """The logarithm that curve j of packed ones holds at y."""
     i, t = _part_of(y, pieces, j)
     c = pieces[4]
-    # Not one chain of products, in which each waits for the one before.
-    square = t * t
-    low = (c[i, 0] + c[i, 1] * t) + (c[i, 2] + c[i, 3] * t) * square
-    high = (c[i, 4] + c[i, 5] * t) + (c[i, 6] + c[i, 7] * t) * square
-    return low + high * (square * square)
+    return _polynomial(*(c[i, 0], c[i, 1], c[i, 2], c[i, 3], c[i, 4], c[i, 5], c[i, 6], c[i, 7]), t)
+
+
+@inlined
+def is_below(low, high, goal, pieces, j, turns):
+    """Whether curve j, whose turns are given, is known to be no more than a goal between two y."""
+    turn = 1
+    while turn < turns.size - 1 and turns[turn] <= low:
+        turn += 1
+    if turn < turns.size - 1 and turns[turn] < high:
+        return False
+    return max(curve_at(low, pieces, j), curve_at(high, pieces, j)) <= goal
+
+
+@kernel
+def curve_along(y, begin, end, pieces, j, out):
+    """Fill what curve j holds at the nodes of one slice, whose y rise or fall, from `begin` on."""
+    edges, bent, start, parts, c, _ = pieces
+    i = begin
+    while i < end:
+        k, u = _series_of(y[i], pieces, j)
+        a, b, kind, count = edges[k], edges[k + 1], bent[k], parts[k]
+        x = 0.5 * (u + 1.0) * count
+        own = min(int(x), count - 1)
+        out[i - begin] = 2.0 * (x - own) - 1.0
+        # The next nodes mostly lie in the same part, where nothing is looked up.
+        stop = i + 1
+        while stop < end:
+            z = y[stop]
+            if not a <= z <= b:
+                break
+            x = 0.5 * (_variable(z, a, b, kind) + 1.0) * count - own
+            if not 0.0 <= x <= 1.0:
+                break
+            out[stop - begin] = 2.0 * x - 1.0
+            stop += 1
+        part = start[k] + own
+        c_0, c_1, c_2, c_3 = c[part, 0], c[part, 1], c[part, 2], c[part, 3]
+        c_4, c_5, c_6, c_7 = c[part, 4], c[part, 5], c[part, 6], c[part, 7]
+        for m in range(i - begin, stop - begin):
+            out[m] = _polynomial(c_0, c_1, c_2, c_3, c_4, c_5, c_6, c_7, out[m])
+        i = stop
 
 
 @kernel
@@ -373,17 +424,28 @@ def summed(curves: list[LogCurve]) -> LogCurve:
 def _log_divisors(row, first, count, y, l_l, known, pieces, control, out):
     """Log of the divisor at runs of nodes, each in a row; `known` has the curves at L."""
     steps = pieces[5].shape[0]
+    room = 1
     for k in range(row.size):
-        r = row[k]
-        for i in range(first[k], first[k] + count[k]):
-            total = 0.0
-            largest = max(log_height(y[i]), l_l[r]) if control != 0 else -math.inf
-            for j in range(steps):
-                value = max(curve_at(y[i], pieces, j), known[r, j])
+        room = max(room, count[k])
+    at_v, largest = np.empty(room), np.full(room, -math.inf)
+    for k in range(row.size):
+        r, begin = row[k], first[k]
+        end = begin + count[k]
+        for i in range(begin, end):
+            out[i] = 0.0
+            if control != 0:
+                largest[i - begin] = max(log_height(y[i]), l_l[r])
+        for j in range(steps):
+            curve_along(y, begin, end, pieces, j, at_v)
+            at_l = known[r, j]
+            for i in range(begin, end):
+                value = max(at_v[i - begin], at_l)
                 if control == 1:
-                    value = max(value, largest)
-                total += value
-            out[i] = max(total, largest) if control == 2 else total
+                    value = max(value, largest[i - begin])
+                out[i] += value
+        if control == 2:
+            for i in range(begin, end):
+                out[i] = max(out[i], largest[i - begin])
 
 
 @kernel

@@ -24,6 +24,8 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import chebyshev
 
+from albedo._compile import kernel
+from albedo._threads import by_weight
 from albedo.brdf import Model, Part
 from albedo.charts.axis import AxisChart
 from albedo.charts.cosine import CosineChart
@@ -56,6 +58,8 @@ _COARSE, _FARTHEST = 0.1, (0.0, 4.0, 12.0, 30.0, 100.0)
 _SHARE, _ROUNDS, _NARROWEST = 0.05, 32, 1e-6
 # What a kink that no node sees may hide in one slice, as a share of the tolerance.
 _HIDDEN = 0.001
+# Pairs of heights that are worth another thread.
+_WORTH = 500
 # Half the nodes do where they leave this share of the tolerance.
 _AMPLE = 0.5
 # Rows that no piece uses any more are kept as long as they are fewer than this share of all.
@@ -510,16 +514,18 @@ class Ladder:
         new = np.concatenate([FLAT * curve.error + curve.bound for curve in curves])
         edges = np.unique(np.concatenate([curve.edges for curve in curves]))
         y = 0.5 * (edges[1:] + edges[:-1])
-        passed = zip(curves, self._transfer[:steps], strict=True)
-        known = [(curve.at(y), curve.piece(y), transfer) for curve, transfer in passed]
-        worst = 0.0
+        transfers = self._transfer[:steps]
+        value = np.stack([curve.at(y) for curve in curves])
+        piece = np.stack([curve.piece(y) for curve in curves])
+        width = np.array([transfer.shape[1] for transfer in transfers])
+        sizes = np.array([transfer.size for transfer in transfers])
+        known = np.concatenate([t.ravel() for t in transfers]), np.cumsum(sizes) - sizes, width
+
+        def largest(part: slice) -> float:
+            return _largest_doubt(part.start, part.stop, value, piece, *known, new)
+
         # Pairs of heights have no order.
-        for i in range(y.size):
-            rows = np.zeros((y.size - i, new.size))
-            for value, piece, transfer in known:
-                chosen = np.where(value[i] >= value[i:], piece[i], piece[i:])
-                rows[:, : transfer.shape[1]] += transfer[chosen]
-            worst = max(worst, float((np.abs(rows) @ new).max()))
+        worst = max(by_weight(largest, np.arange(y.size, 0, -1), _WORTH))
         # Within a piece an error may change its sign: no more than doubles what is left of it.
         return 2.0 * worst + self.divisor(steps).left_out
 
@@ -588,6 +594,28 @@ class Ladder:
             else:
                 found.append(_Piece.new(low, high, 1 if first else 2 if last else 0))
         return found
+
+
+@kernel
+def _largest_doubt(start, stop, value, piece, transfer, begin, width, new):
+    """The largest sum of errors, in modulus, that reach a pair of heights, of which the first are
+    some; `transfer` has the matrices of all steps, each from its `begin` on."""
+    worst, steps, n = 0.0, value.shape[0], value.shape[1]
+    passed = np.empty(new.size)
+    for i in range(start, stop):
+        for k in range(i, n):
+            for m in range(new.size):
+                passed[m] = 0.0
+            for j in range(steps):
+                chosen = piece[j, i] if value[j, i] >= value[j, k] else piece[j, k]
+                first = begin[j] + chosen * width[j]
+                for m in range(width[j]):
+                    passed[m] += transfer[first + m]
+            total = 0.0
+            for m in range(new.size):
+                total += abs(passed[m]) * new[m]
+            worst = max(worst, total)
+    return worst
 
 
 @lru_cache(maxsize=64)

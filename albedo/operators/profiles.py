@@ -34,7 +34,7 @@ from albedo.integrators.cells import (
     rules_by_order,
 )
 from albedo.integrators.rules import LADDER, gauss, stopping_bound
-from albedo.operators.divisor import LogCurve, curve_at
+from albedo.operators.divisor import LogCurve, curve_along, curve_at, is_below
 
 TERMS = LADDER[-1]
 """Legendre coefficients of a panel."""
@@ -50,6 +50,8 @@ _NOISE = 1024.0 * np.finfo(np.float64).eps
 _DIGITS, _MORE, _LEAST = 27.6, 4.0, 8.0
 # Slices that are worth another thread, and rows that one integrates at once.
 _FEW, _BATCH = 300, 64
+# Nodes are moved together when there are so many for each that is used.
+_HOLES = 2
 # Kinks that are closer than this, as a share of a panel, are one.
 _SAME = 1e-10
 
@@ -78,19 +80,30 @@ class _Store:
     def append(self, **more: np.ndarray) -> None:
         """Fill up all arrays; with zeros those of which nothing is given."""
         (count,) = {a.size for a in more.values()}
+        self.lengthen(count)
+        for name, array in self.arrays.items():
+            array[self.size - count : self.size] = more.get(name, 0)
+
+    def lengthen(self, count: int) -> None:
+        """Append entries that are still to be filled."""
         last = self.size + count
         for name, array in self.arrays.items():
             if last > array.size:
-                room = np.zeros(last + last // 2, array.dtype)
+                # Pages that are not touched cost nothing.
+                room = np.empty(2 * last, array.dtype)
                 room[: self.size] = array[: self.size]
-                self.arrays[name] = array = room
-            array[self.size : last] = more.get(name, 0)
+                self.arrays[name] = room
         self.size = last
 
     def taken(self, which: np.ndarray) -> _Store:
         """A store of some entries."""
-        kept = {name: array[: self.size][which] for name, array in self.arrays.items()}
-        return _Store(kept, next(iter(kept.values())).size)
+        number = np.flatnonzero(which) if which.dtype == bool else which
+        kept = {}
+        for name, array in self.arrays.items():
+            # There is more to come.
+            kept[name] = np.empty(2 * number.size, array.dtype)
+            np.take(array, number, out=kept[name][: number.size], mode="clip")
+        return _Store(kept, number.size)
 
 
 class Slices:
@@ -153,18 +166,22 @@ class Slices:
             self._slices.arrays[name][where] = values
         self._slices.arrays["log_scale"][where] = 0.0
         self._slices.arrays["stale"][where] = True
-        self._nodes.append(density=np.zeros(int(added.sum())))
+        self._nodes.lengthen(int(added.sum()))
         return where
 
     def taken(self, which: np.ndarray) -> Slices:
-        """Some of the slices, with their nodes in order."""
+        """Some of the slices, which take over the nodes of all: these are given up."""
         found = Slices()
         found._slices = self._slices.taken(which)
         order, first = found.order, found.first
+        used = int(order.sum())
+        if _HOLES * used >= self._nodes.size:
+            found._nodes = self._nodes
+            return found
         begin = np.cumsum(order) - order
-        nodes = np.arange(int(order.sum())) + np.repeat(first - begin, order)
+        nodes = np.arange(used) + np.repeat(first - begin, order)
         found._nodes = self._nodes.taken(nodes)
-        found._slices.arrays["first"] = begin
+        found._slices.arrays["first"][: order.size] = begin
         return found
 
     def extend(self, other: Slices, panels: int) -> None:
@@ -305,9 +322,8 @@ class Profiles:
         def some(which: slice) -> Profiles:
             c = cos_theta[which]
             n = c.size
-            integrand = ModelIntegrand(
-                part.fill, part.packed(np.tile(numbers, (n, 1))), np.full(n, part.scale)
-            )
+            p, scale = part.packed(np.tile(numbers, (n, 1))), np.full(n, part.scale)
+            integrand = ModelIntegrand(part.fill, p, scale, shared=True)
             done = refine(
                 *(chart, integrand, c, np.zeros(n), np.tile(part.widths, (n, 1)), True),
                 rtol=rtol,
@@ -338,6 +354,7 @@ class Profiles:
         found = cls(**arrays, slices=Slices())
         m = found.row.size
         found._put(np.empty(0, int), np.arange(m), np.zeros(m), np.ones(m), found.order)
+        found.slices.log_product[:] = 0.0
         return found
 
     def sums(
@@ -900,17 +917,14 @@ def _multiply(
 
     Where L has the larger albedo, it is the same for all of them.
     """
+    at_v = np.empty(TERMS)
     for k in slices:
         r = row[panel[k]]
         at_l = light[1, r]
         begin, end = first[k], first[k] + order[k]
         if control != 1:
             low, high = min(y[begin], y[end - 1]), max(y[begin], y[end - 1])
-            turn = 1
-            while turn < turns.size - 1 and turns[turn] <= low:
-                turn += 1
-            one_way = turn == turns.size - 1 or turns[turn] >= high
-            if one_way and max(curve_at(low, pieces, 0), curve_at(high, pieces, 0)) <= at_l:
+            if is_below(low, high, at_l, pieces, 0, turns):
                 log_scale[k] += at_l
                 if control == 2:
                     stale[k] = True
@@ -921,8 +935,9 @@ def _multiply(
                     most[k] *= scale
                 continue
         stale[k] = True
+        curve_along(y, begin, end, pieces, 0, at_v)
         for j in range(begin, end):
-            step = max(curve_at(y[j], pieces, 0), at_l)
+            step = max(at_v[j - begin], at_l)
             if control == 1:
                 step = max(step, log_height(y[j]), light[0, r])
             log_product[j] += step
