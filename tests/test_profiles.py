@@ -8,7 +8,7 @@ import pytest
 import albedo
 from albedo.brdf import Model
 from albedo.charts.heights import folded
-from albedo.integrators.adaptive import refine
+from albedo.integrators.adaptive import Refined, refine, refine_alike
 from albedo.integrators.cells import ModelIntegrand
 from albedo.operators.ladder import Ladder, rings_of
 from albedo.operators.profiles import _LIMIT, Ahead, Profiles, _height, _judge_series, _Store
@@ -204,6 +204,40 @@ def test_rounding_is_not_refined_against() -> None:
         weigh=Ahead(Ladder(model, None, 1e-6).step()).weights,
     )
     assert np.all(done.spent < 0.25 * _LIMIT)
+
+
+@pytest.mark.parametrize("name", ["ward", "stam_gaussian", "cook_torrance"])
+def test_rows_that_begin_with_cells_of_others_are_as_good(name: str) -> None:
+    """For less, and as well where panels differ: towards the horizon there are more of them."""
+    model = albedo.model(name)
+    part, n = model.parts()[0], 60
+    c = np.geomspace(1e-6, 1.0, n)
+    numbers = np.tile(np.array(model.pack(), dtype=np.float64), (n, 1))
+    integrand = ModelIntegrand(part.fill, part.packed(numbers), np.full(n, part.scale))
+    row = integrand, c, np.zeros(n), np.tile(part.widths, (n, 1)), True
+    how = {"rtol": 1e-11, "atol": 0.0, "limit": _LIMIT, "judge_series": _judge_series}
+    alone = refine(rings_of(part), *row, **how)
+    like = 6 * (np.arange(n) // 6) + 3
+    taken = refine_alike(rings_of(part), *row, like, **how)
+
+    def summed(done: Refined) -> tuple[np.ndarray, np.ndarray]:
+        cells = done.cells
+        error = np.bincount(cells.row, cells.error.sum(1), n) * done.doubt
+        return np.bincount(cells.row, cells.value, n), error
+
+    (value, error), (other, bound) = summed(alone), summed(taken)
+    # Sums of some thousand terms.
+    rounding = 40.0 * np.finfo(float).eps * value
+    assert np.all(np.abs(value - other) <= error + bound + rounding)
+    assert np.all(bound <= 0.5e-11 * other)
+    assert taken.spent.sum() < 0.9 * alone.spent.sum()
+    # Every panel is covered once, in the coordinates that its own row has.
+    for done in (alone, taken):
+        box = done.cells.box
+        area = (box[:, 1] - box[:, 0]) * (box[:, 3] - box[:, 2])
+        key = np.column_stack((done.cells.row, done.cells.code, box[:, 4:]))
+        _, of = np.unique(key, axis=0, return_inverse=True)
+        np.testing.assert_allclose(np.bincount(of.ravel(), area), 1.0, rtol=1e-12)
 
 
 def test_slices_that_stay_take_over_their_nodes() -> None:

@@ -13,9 +13,11 @@ geometric; and if it exceeds the old bound, all bounds of the row grow by the sa
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -45,6 +47,8 @@ _GROWTH = 0.65
 _CROWD, _GLANCE = 16, 4
 # A look tells a row to a tenth: enough to share a tolerance, and what it takes is not lost.
 _LOOK = 0.1
+# Cells that others take over are better than asked for by this: most of them do there as well.
+_AHEAD = 0.5
 # What moved, times this, bounds the error of the finer rule, and the fall that it may claim.
 _TRUST = 8.0
 
@@ -158,6 +162,112 @@ def refine(
         weigh=weigh,
     )
     return begun
+
+
+def refine_alike(
+    chart: Chart,
+    integrand: Integrand,
+    cos_theta: np.ndarray,
+    phi: np.ndarray,
+    widths: np.ndarray,
+    isotropic: bool,
+    like: np.ndarray,
+    *,
+    rtol: float,
+    atol: float | np.ndarray,
+    limit: int,
+    judge_series: Callable[[Cells], None] | None = None,
+    weigh: Callable[[np.ndarray, Cells], np.ndarray] | None = None,
+) -> Refined:
+    """As `refine`, where rows begin with the cells that were found for others like them.
+
+    A row that has other panels than the one it is like begins as usual. The others take over its
+    orders and cuts, and how far its bounds were to be doubted.
+
+    Parameters
+    ----------
+    like : ndarray of int, shape (n,)
+        Which row each is like; those that others are like, themselves.
+    chart, integrand, cos_theta, phi, widths, isotropic, rtol, atol, limit, judge_series, weigh
+        As in `refine`.
+
+    Returns
+    -------
+    Refined
+    """
+    n = cos_theta.size
+    geometry, row, code, box = chart.panels(cos_theta, phi, widths, isotropic)
+    ends = np.searchsorted(row, np.arange(n + 1))
+    key = np.column_stack((code, box[:, :4]))
+    panels = [slice(a, b) for a, b in itertools.pairwise(ends.tolist())]
+    alike = np.array(
+        [k != i and np.array_equal(key[panels[k]], key[panels[i]]) for k, i in enumerate(like)]
+    )
+    rest, first = np.flatnonzero(alike), np.flatnonzero(~alike)
+    atol = np.broadcast_to(atol, n)
+    how: dict[str, Any] = {"rtol": rtol, "limit": limit, "judge_series": judge_series}
+    done = refine(
+        *(chart, of_rows(integrand, first), cos_theta[first], phi[first], widths[first], isotropic),
+        **(how | {"atol": atol[first], "weigh": weigh, "rtol": _AHEAD * rtol}),
+    )
+    if rest.size == 0:
+        return done
+    found, place = done.cells, np.empty(n, dtype=int)
+    place[first] = np.arange(first.size)
+    own: list[np.ndarray] = [np.empty(0, dtype=int)] * n
+    of_panel = own.copy()
+    for i in np.unique(like[rest]).tolist():
+        own[i] = np.flatnonzero(found.row == place[i])
+        of_panel[i] = panels[i].start + _panels_of(found, own[i], code[panels[i]], box[panels[i]])
+    cell = np.concatenate([own[like[k]] for k in rest])
+    # Panels of both stand in the same order.
+    moved = [of_panel[like[k]] - panels[like[k]].start + panels[k].start for k in rest.tolist()]
+    panel = np.concatenate(moved)
+    boxes = found.box[cell].copy()
+    boxes[:, 4:] = box[panel, 4:]
+    of_row = np.repeat(np.arange(rest.size), [m.size for m in moved])
+    terms = _TOP if judge_series else 0
+    cells = Cells.blank(of_row, code[panel], boxes, found.order[cell], terms)
+    spent = np.bincount(of_row, weights=cells.order.prod(1), minlength=rest.size).astype(int)
+    inner = of_rows(integrand, rest)
+    evaluate(chart, inner, geometry[rest], cells)
+    if judge_series:
+        judge_series(cells)
+    doubt, rounds = done.doubt[place[like[rest]]], np.zeros(rest.size, dtype=int)
+    begun = Refined(geometry[rest], cells, doubt, spent, rounds, done.start)
+    _go_on(*(chart, inner, begun), **(how | {"atol": atol[rest], "weigh": weigh}))
+    return _together((done, first), (begun, rest))
+
+
+def _panels_of(cells: Cells, which: np.ndarray, code: np.ndarray, box: np.ndarray) -> np.ndarray:
+    """Of which panel of their row, whose codes and boxes are given, some cells are parts."""
+    inside = (cells.code[which, None] == code).all(2)
+    inside &= (cells.box[which, None, 4:] == box[:, 4:]).all(2)
+    for k in (0, 2):
+        inside &= (cells.box[which, None, k] >= box[:, k]) & (
+            cells.box[which, None, k + 1] <= box[:, k + 1]
+        )
+    found: np.ndarray = inside.argmax(1)
+    return found
+
+
+def _together(*found: tuple[Refined, np.ndarray]) -> Refined:
+    """All rows in their order, from groups and the numbers of their rows."""
+    rank = np.argsort(np.concatenate([rows for _, rows in found]))
+
+    def stacked(name: str) -> np.ndarray:
+        together: np.ndarray = np.concatenate([getattr(some, name) for some, _ in found])[rank]
+        return together
+
+    columns = [
+        np.concatenate([getattr(some.cells, name) for some, _ in found])
+        for name in Cells.__dataclass_fields__
+    ]
+    cells = Cells(*columns)
+    cells.row = np.concatenate([rows[some.cells.row] for some, rows in found])
+    names = ("geometry", "doubt", "spent", "rounds")
+    geometry, doubt, spent, rounds = (stacked(name) for name in names)
+    return Refined(geometry, cells, doubt, spent, rounds, found[0][0].start)
 
 
 def _begin(

@@ -25,7 +25,7 @@ from albedo.brdf import Model, Part
 from albedo.charts._compiled import clustered
 from albedo.charts.heights import LOWEST, elevation_at, fold_elevation, folded, log_height
 from albedo.charts.rings import RingsChart, elevation, stretched
-from albedo.integrators.adaptive import refine
+from albedo.integrators.adaptive import refine_alike
 from albedo.integrators.cells import (
     Cells,
     ModelIntegrand,
@@ -50,6 +50,8 @@ _NOISE = 1024.0 * np.finfo(np.float64).eps
 _DIGITS, _MORE, _LEAST = 27.6, 4.0, 8.0
 # Slices that are worth another thread, and rows that one integrates at once.
 _FEW, _BATCH = 300, 64
+# Rows that begin with the cells of the one in their midst.
+_ALIKE = 12
 # Nodes are moved together when there are so many for each that is used.
 _HOLES = 2
 # Kinks that are closer than this, as a share of a panel, are one.
@@ -324,8 +326,12 @@ class Profiles:
             n = c.size
             p, scale = part.packed(np.tile(numbers, (n, 1))), np.full(n, part.scale)
             integrand = ModelIntegrand(part.fill, p, scale, shared=True)
-            done = refine(
-                *(chart, integrand, c, np.zeros(n), np.tile(part.widths, (n, 1)), True),
+            # Rows take over what was found for one of those next to them.
+            rank = np.argsort(c)
+            like = np.empty(n, dtype=int)
+            like[rank] = rank[np.minimum(_ALIKE * (np.arange(n) // _ALIKE) + _ALIKE // 2, n - 1)]
+            done = refine_alike(
+                *(chart, integrand, c, np.zeros(n), np.tile(part.widths, (n, 1)), True, like),
                 rtol=rtol,
                 atol=0.0,
                 limit=_LIMIT,
