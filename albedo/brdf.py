@@ -246,6 +246,8 @@ class Part:
     formula : callable, optional
         Where `fill` is no kernel: a kernel that would fill the same, one pair of directions at a
         time. It is never compiled; values in other arithmetic are computed by it.
+    shared : bool
+        All cores work on its albedos: its values cost more than what threads do.
     """
 
     name: str
@@ -261,6 +263,7 @@ class Part:
     heights: tuple[float, ...] = ()
     routine: Routine | tuple[Routine, ...] | None = None
     formula: Kernel | None = None
+    shared: bool = False
 
     def packed(self, rows: np.ndarray) -> np.ndarray:
         """What the kernels of this part see of packed parameters (rows, k)."""

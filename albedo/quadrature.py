@@ -385,7 +385,8 @@ def _integral(
     """The chart and the integrand of a part, or of what it loses."""
     fill = part.loss if loss else part.fill
     assert fill is not None
-    return part.loss_chart if loss else part.chart, ModelIntegrand(fill, p, scale, swap)
+    integrand = ModelIntegrand(fill, p, scale, swap, part.shared)
+    return part.loss_chart if loss else part.chart, integrand
 
 
 def compile_ahead(lines: Sequence[str]) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import albedo
+from albedo._compile import stands_for
 from albedo.brdf import Model, Real
 from albedo.catalogue._fresnel import FresnelChoice
 from albedo.charts.cosine import CosineChart
@@ -237,7 +238,8 @@ def pure(function: Callable[..., Any]) -> Callable[..., Any]:
     names = {**vars(builtins), **function.py_func.__globals__}
     for name in code.co_names:
         if hasattr(names.get(name), "py_func"):
-            names[name] = pure(names[name])
+            known = stands_for(names[name])
+            names[name] = getattr(math, known) if known else pure(names[name])
     return types.FunctionType(code, names)
 
 

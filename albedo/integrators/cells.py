@@ -16,7 +16,7 @@ from typing import Any, Protocol, TypeGuard
 import numpy as np
 
 from albedo._compile import address, indirect, is_kernel, kernel
-from albedo._threads import by_weight
+from albedo._threads import by_weight, in_batches
 from albedo.charts._compiled import CompiledChart
 from albedo.integrators.rules import LADDER, bounds_of, gauss
 
@@ -81,7 +81,7 @@ class ModelIntegrand:
     swap : bool
         The fixed direction is the view, not the light.
     shared : bool
-        All cores work on it, where it is compiled.
+        All cores work on it.
     """
 
     fill: Callable[..., Any]
@@ -208,12 +208,14 @@ def evaluate(chart: Chart, integrand: Integrand, geometry: np.ndarray, cells: Ce
             sweep(slice(None))
         return
     edges = np.flatnonzero(np.diff(key[rank])) + 1
+    blocks = []
     for start, stop in itertools.pairwise((0, *edges.tolist(), rank.size)):
-        p, q = cells.order[rank[start]].tolist()
-        rule_u, rule_v = gauss(p), gauss(q)
-        step = max(1, _BLOCK // (p * q))
-        for first in range(start, stop, step):
-            block = slice(first, min(first + step, stop))
+        step = max(1, _BLOCK // int(order[start].prod())) if stop > start else 1
+        blocks += [slice(first, min(first + step, stop)) for first in range(start, stop, step)]
+
+    def measure(which: slice) -> None:
+        for block in blocks[which]:
+            rule_u, rule_v = (gauss(p) for p in order[block.start].tolist())
             wi, wo, h, weight = chart.nodes(
                 geometry[block], code[block], box[block], rule_u.nodes, rule_v.nodes
             )
@@ -222,6 +224,11 @@ def evaluate(chart: Chart, integrand: Integrand, geometry: np.ndarray, cells: Ce
                 *(rank[block], f, weight, rule_u.weights, rule_v.weights),
                 *(rule_u.to_coefficients, rule_v.to_coefficients, *cells.measured),
             )
+
+    if isinstance(integrand, ModelIntegrand) and integrand.shared:
+        in_batches(measure, len(blocks), 1)
+    else:
+        measure(slice(None))
 
 
 def probe_cells(

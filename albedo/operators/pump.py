@@ -232,6 +232,7 @@ class Pumped(Model):
                     # Its chart has them.
                     heights=(),
                     routine=routines_of(part),
+                    shared=True,
                 )
             )
         return tuple(pumped)
