@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from albedo._compile import is_kernel
 from albedo.brdf import Model, Part
 from albedo.directions import real_array
 from albedo.errors import ConvergenceWarning, DivergenceError, InputError
@@ -175,6 +176,7 @@ def albedo_rows(
     fixed: str = "light",
     complement: bool = False,
     max_evaluations: int | None = None,
+    shared: bool = False,
 ) -> Estimate:
     """Albedos of many rows, each with its own model of one class, in one batch.
 
@@ -186,6 +188,9 @@ def albedo_rows(
         Directions.
     rtol, atol, fixed, complement, max_evaluations
         As in `directional_albedo`.
+    shared : bool
+        All cores work on parts that are kernels, as on those that ask for it anyway: what users
+        wrote in Python may not be meant for several threads.
 
     Returns
     -------
@@ -200,7 +205,7 @@ def albedo_rows(
     limit = default if max_evaluations is None else max_evaluations
     if not isinstance(limit, int) or limit < 16:
         raise InputError(f"max_evaluations = {limit!r} is out of range; it must be at least 16")
-    options: dict[str, Any] = {"rtol": rtol, "atol": atol, "limit": limit}
+    options: dict[str, Any] = {"rtol": rtol, "atol": atol, "limit": limit, "shared": shared}
     swap = fixed == "view"
     zero = cos_theta == 0.0
     if not zero.any():
@@ -279,7 +284,10 @@ def _rows(
                     doubt[at] = np.minimum(doubt[at], averaged)
             # What the part's own numbers are worth is not spent a second time.
             rtol = options["rtol"] - min(float(doubt.max()), 0.5 * options["rtol"])
-            what = *_integral(part, part.packed(p), scale, swap, loss), cos_theta[rows], phi[rows]
+            chart, integrand = _integral(part, part.packed(p), scale, swap, loss)
+            if options["shared"] and is_kernel(integrand.fill):
+                integrand = replace(integrand, shared=True)
+            what = chart, integrand, cos_theta[rows], phi[rows]
             job = _Job((*what, widths, isotropic), rtol, doubt, np.zeros(rows.size))
             if len(parts) > 1 and not complement:
                 job.begun, least = look(*job.what, rtol=rtol, limit=limit)

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from albedo._compile import is_kernel
+from albedo._threads import in_batches
 from albedo.brdf import Model
 from albedo.directions import half_vector
 from albedo.quadrature import albedo_rows
@@ -86,15 +88,25 @@ class Rows:
         step = max(1, _BLOCK // wo.shape[2])
         for kind, parts in enumerate(self._parts):
             rows = np.flatnonzero(self._kind == kind)
-            for first in range(0, len(rows), step):
-                own = rows[first : first + step]
-                vectors = wi[:, own], wo[:, own], h[:, own]
-                light, view, half = (np.ascontiguousarray(v, dtype=self._dtype) for v in vectors)
-                out = np.empty(view.shape[1:], dtype=self._dtype)
-                place = self._place[own]
-                for fill, p, scale in parts:
-                    fill(light, view, half, p[place], out)
-                    total[own] += scale[place, None] * out
+
+            def add(which: slice, rows: np.ndarray = rows, parts: Any = parts) -> None:
+                for first in range(which.start, which.stop, step):
+                    own = rows[first : min(first + step, which.stop)]
+                    vectors = wi[:, own], wo[:, own], h[:, own]
+                    light, view, half = (
+                        np.ascontiguousarray(v, dtype=self._dtype) for v in vectors
+                    )
+                    out = np.empty(view.shape[1:], dtype=self._dtype)
+                    place = self._place[own]
+                    for fill, p, scale in parts:
+                        fill(light, view, half, p[place], out)
+                        total[own] += scale[place, None] * out
+
+            # What users wrote in Python may not be meant for several threads.
+            if all(is_kernel(fill) for fill, _, _ in parts):
+                in_batches(add, len(rows), step)
+            else:
+                add(slice(0, len(rows)))
         return total
 
     def of_lights(self, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
@@ -128,7 +140,8 @@ def albedos(
     tuple of ndarray
         Each of shape (n,).
     """
-    found = albedo_rows(models, cos_theta, phi, rtol=rtol, atol=atol, fixed=fixed)
+    how: dict[str, Any] = {"rtol": rtol, "atol": atol, "fixed": fixed, "shared": True}
+    found = albedo_rows(models, cos_theta, phi, **how)
     return found.value, found.error, found.evaluations
 
 

@@ -178,7 +178,10 @@ def albedo_curve(
         # Cosines are rounded: near 1 they stand for another angle.
         basis = chebyshev.chebvander(2.0 * (_folded(x) - low) / size - 1.0, _ORDER - 1)
         found = albedo_rows(
-            [model] * x.size, x.ravel(), np.zeros(x.size), rtol=inner["rtol"], atol=inner["atol"]
+            *([model] * x.size, x.ravel(), np.zeros(x.size)),
+            rtol=inner["rtol"],
+            atol=inner["atol"],
+            shared=True,
         )
         used += int(found.evaluations.sum())
         value, error = found.value.reshape(x.shape), found.error.reshape(x.shape)

@@ -15,6 +15,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from albedo._compile import is_kernel
 from albedo.brdf import Kernel, Model, Parameter, Part
 from albedo.charts._compiled import CompiledChart
 from albedo.charts.heights import LOWEST, folded
@@ -232,7 +233,8 @@ class Pumped(Model):
                     # Its chart has them.
                     heights=(),
                     routine=routines_of(part),
-                    shared=True,
+                    # What users wrote in Python may not be meant for several threads.
+                    shared=part.shared or is_kernel(part.fill),
                 )
             )
         return tuple(pumped)
