@@ -525,7 +525,7 @@ class Ladder:
             return _largest_doubt(part.start, part.stop, value, piece, *known, new)
 
         # Pairs of heights have no order.
-        worst = max(by_weight(largest, np.arange(y.size, 0, -1), _WORTH))
+        worst = float(np.max(by_weight(largest, np.arange(y.size, 0, -1), _WORTH)))
         # Within a piece an error may change its sign: no more than doubles what is left of it.
         return 2.0 * worst + self.divisor(steps).left_out
 
@@ -614,7 +614,9 @@ def _largest_doubt(start, stop, value, piece, transfer, begin, width, new):
             total = 0.0
             for m in range(new.size):
                 total += abs(passed[m]) * new[m]
-            worst = max(worst, total)
+            # What is no number stays one that is none.
+            if not total <= worst and worst == worst:
+                worst = total
     return worst
 
 
