@@ -123,6 +123,9 @@ def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     return kernel(function, forceinline=True)
 
 
+_STAND_INS: dict[Any, str] = {}
+
+
 def stand_in(name: str) -> Callable[[Callable[..., Any]], Any]:
     """An inlined kernel for float64 of what `math` has under a name.
 
@@ -130,7 +133,7 @@ def stand_in(name: str) -> Callable[[Callable[..., Any]], Any]:
     """
 
     def declare(function: Callable[..., Any]) -> Any:
-        function.stands_for = name  # type: ignore[attr-defined]
+        _STAND_INS[function] = name
         return inlined(function)
 
     return declare
@@ -138,8 +141,7 @@ def stand_in(name: str) -> Callable[[Callable[..., Any]], Any]:
 
 def stands_for(function: Any) -> str | None:
     """The name in `math` of what a kernel is a stand-in for, if it is one."""
-    found: str | None = getattr(function.py_func, "stands_for", None)
-    return found
+    return _STAND_INS.get(function.py_func)
 
 
 @intrinsic

@@ -392,6 +392,9 @@ def test_the_series_of_the_gaussian_surface(g: float, c: float) -> None:
 def test_a_series_below_the_range_of_numbers_is_multiplied_in_time() -> None:
     """exp(-800) alone is 0; times 1e200 it is exp(-800 + 200 ln 10)."""
     found = poisson_series(0.0, 800.0, 1e60, 1e40, room())
+    # Beyond the range of numbers it is infinite, and 0 times that is not formed.
+    for g in (1e-200, 3.0):
+        assert poisson_series(g, 0.0, 1e120, 1e100, room()) == math.inf
     # The exponent is rounded once, and counts as often.
     assert found == pytest.approx(float(mp.exp(-800) * mp.mpf(10) ** 200), rel=1600 * EPS, abs=0.0)
 
