@@ -11,10 +11,10 @@ from __future__ import annotations
 import copy
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -451,6 +451,13 @@ class Model:
         """The lobes that sum to the finite part of the model."""
         raise TypeError(f"{type(self).__name__} must implement parts()")
 
+    @classmethod
+    def prepare(cls, models: Sequence[Self]) -> None:
+        """Make, side by side, what the parts of several models of this kind need.
+
+        Parts are the same without it; most models have nothing to make.
+        """
+
     def spikes(self, wi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Dirac parts: directions (k, n, 3) and weights (k, n) for light directions (n, 3).
 
@@ -597,3 +604,21 @@ class Model:
         from albedo.sampling.mixture import density
 
         return density(self, wi, wo)
+
+
+# Models whose parts are made side by side: what they need is kept for a few hundred.
+_TOGETHER = 64
+
+
+def parts_of(models: Sequence[Model]) -> list[tuple[Part, ...]]:
+    """The parts of many models, with what those of one kind need made side by side."""
+    found = []
+    for first in range(0, len(models), _TOGETHER):
+        group = models[first : first + _TOGETHER]
+        kinds: dict[type[Model], list[Model]] = {}
+        for model in group:
+            kinds.setdefault(type(model), []).append(model)
+        for kind, own in kinds.items():
+            kind.prepare(own)
+        found += [model.parts() for model in group]
+    return found

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from albedo._compile import is_kernel
-from albedo.brdf import Model, Part
+from albedo.brdf import Model, Part, parts_of
 from albedo.directions import real_array
 from albedo.errors import ConvergenceWarning, DivergenceError, InputError
 from albedo.estimate import Estimate
@@ -242,7 +242,10 @@ def _rows(
     """Sum the parts and spikes of every row; batch the rows whose parts share a structure."""
     n = cos_theta.size
     distinct, which = _distinct(models)
-    prepared = [(m.parts(), m.pack(), m.isotropic, m.reciprocal) for m in distinct]
+    prepared = [
+        (parts, m.pack(), m.isotropic, m.reciprocal)
+        for m, parts in zip(distinct, parts_of(distinct), strict=True)
+    ]
     batches: dict[Any, list[int]] = {}
     for k, (parts, _, isotropic, _) in enumerate(prepared):
         structure = (

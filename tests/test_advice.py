@@ -354,6 +354,24 @@ def test_monte_carlo_where_nothing_may_be_read() -> None:
     assert errors[1] < errors[0] / 8.0
 
 
+def test_draws_have_the_same_bits_on_all_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = albedo.model("cook_torrance", m=0.3)
+    scene = Scene(model, (), (0.0, 80.0), "sky", 5.0, "radiance", 0.1, 0.0)
+    search = Search(scene, prices.committed())
+    points = search.pilot.points.first(40)
+    # Few draws for all places at once, many for some at a time, and those of one scrambled set.
+    details = {f"{n} draws of the {how}" for n in (4, 16384) for how in ("cosine", "lobe")}
+    details.add("4096 draws of the lobe, Sobol")
+    drawn = [way for way in search.all_ways if way.detail in details and not way.without]
+    assert len(drawn) == 5
+    for way in drawn:
+        found = []
+        for count in ("1", "3"):
+            monkeypatch.setenv("ALBEDO_THREADS", count)
+            found.append(way.values(points))
+        np.testing.assert_array_equal(*found)
+
+
 @pytest.mark.parametrize("light", ["sky", "point"])
 def test_models_that_are_not_reciprocal_are_seen_from_the_view(light: str) -> None:
     found = albedo.advise("phong_original:n=20", theta=(0, 70), light=light, rtol=0.05, atol=1e-3)

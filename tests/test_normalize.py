@@ -14,8 +14,10 @@ from oracles.lewis import half_vector_integral, mirror_integral
 
 import albedo
 from albedo.brdf import Model
-from albedo.operators.curve import albedo_curve
+from albedo.operators import curve as curve_module
+from albedo.operators.curve import albedo_curve, albedo_curves
 from albedo.operators.normalize import largest_albedo
+from albedo.quadrature import albedo_rows
 
 EPS = np.finfo(float).eps
 
@@ -59,6 +61,72 @@ def test_a_curve_may_have_an_absolute_error_and_cover_a_part() -> None:
     assert curve.edges[0] == 0.25
     assert curve.edges[-1] == 0.7
     assert curve(np.array([[0.3], [0.4]])).shape == (2, 1)
+
+
+def test_curves_made_side_by_side_are_those_made_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    models = [albedo.model("blinn", n=n) for n in (0.5, 7.0, 1e4)]
+    models.insert(1, albedo.model("phong", n=7.0))
+    together = albedo_curves(models, 1e-10)
+    # Otherwise they are only looked up.
+    monkeypatch.setattr(curve_module, "_kept", {})
+    for model, curve in zip(models, together, strict=True):
+        alone = albedo_curve(model, 1e-10)
+        assert alone is not curve
+        np.testing.assert_array_equal(alone.edges, curve.edges)
+        assert alone.evaluations == curve.evaluations
+        y = np.linspace(0.0, curve.edges[-1], 501)
+        # Both are within their bounds, which are relative.
+        both = alone.error.max() + curve.error.max()
+        assert np.all(np.abs(alone.at(y) - curve.at(y)) <= both * curve.at(y))
+
+
+def test_curves_are_kept_until_others_follow(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[int] = []
+    original = curve_module._made
+
+    def counted(models: list[Model], *rest: Any) -> list[Any]:
+        made.append(len(models))
+        return original(models, *rest)
+
+    monkeypatch.setattr(curve_module, "_made", counted)
+    monkeypatch.setattr(curve_module, "_kept", {})
+    monkeypatch.setattr(curve_module, "_KEPT", 3)
+    a, b, c, d = (albedo.model("blinn", n=n) for n in (1.0, 2.0, 3.0, 4.0))
+    found = albedo_curves([a, b, a, c], 1e-4)
+    assert made == [3]
+    assert found[0] is found[2]
+    assert albedo_curve(a, 1e-4) is found[0]
+    assert made == [3]
+    # It takes the place of b, which was asked for before a.
+    albedo_curve(d, 1e-4)
+    albedo_curves([a, c], 1e-4)
+    assert made == [3, 1]
+    assert albedo_curve(b, 1e-4) is not found[1]
+    assert made == [3, 1, 1]
+    # Another tolerance is another curve.
+    albedo_curve(b, 1e-5)
+    assert made == [3, 1, 1, 1]
+
+
+def test_many_lewis_models_are_prepared_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[int] = []
+    original = curve_module._made
+
+    def counted(models: list[Model], *rest: Any) -> list[Any]:
+        made.append(len(models))
+        return original(models, *rest)
+
+    monkeypatch.setattr(curve_module, "_made", counted)
+    monkeypatch.setattr(curve_module, "_kept", {})
+    per = [
+        albedo.model("lewis", n=n, reading="per_incidence", lobe=lobe)
+        for n in (1.25, 3.25, 9.25)
+        for lobe in ("half_vector", "mirror")
+    ]
+    models = [*per, albedo.model("lewis", n=1.25)]
+    found = albedo_rows(models, np.full(7, 0.3), np.zeros(7), rtol=1e-8, atol=0.0)
+    assert made == [3, 3]
+    assert np.all(np.abs(found.value[:6] - 1.0) <= found.error[:6])
 
 
 def test_a_curve_knows_its_maximum() -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from albedo.advice.rows import Rows, albedos
-from albedo.brdf import Model
+from albedo.brdf import Model, parts_of
 from albedo.directions import half_vector, spherical
 from albedo.errors import InputError
 from albedo.sampling.mixture import Mixture, mixture_of
@@ -155,10 +155,12 @@ class Scene:
         if not values:
             return [self.model] * count
         columns = {name: v.tolist() for name, v in values.items()}
-        return [
+        models = [
             self.model.replace(**dict(zip(columns, row, strict=True)))
             for row in zip(*columns.values(), strict=True)
         ]
+        parts_of(models)
+        return models
 
     def points(self, seed: int, count: int, sets: int | None = None) -> Points:
         """Draw places of the scene.

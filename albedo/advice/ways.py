@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from albedo._compile import is_kernel
+from albedo._threads import in_batches
 from albedo.advice.prices import Prices
 from albedo.advice.rows import Rows, albedos, spike_energy
 from albedo.advice.scene import Points, Scene, disc_mean, radiance
@@ -38,6 +40,8 @@ SOURCES = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
 
 # Directions held at once by Monte Carlo and by rules on angles.
 _HELD = 2**18
+# Draws that are worth another thread.
+_WORTH = 2**13
 
 
 class Lazy:
@@ -322,16 +326,27 @@ class AlbedoWays:
             base = sobol.random_base2(count.bit_length() - 1).T
         known: dict[int, tuple[Mixture, Values]] = {}
         cosine = Mixture((1.0,), (COSINE,))
-        for row, model in enumerate(models):
-            if not model.parts():
-                continue
+        rows = [row for row, model in enumerate(models) if model.parts()]
+        for row in rows:
+            model = models[row]
             if id(model) not in known:
                 mixture = cosine if how == "cosine" else mixture_of(model)
                 known[id(model)] = mixture, Values(model)
-            mixture, f = known[id(model)]
+        # What users wrote in Python may not be meant for several threads.
+        safe = all(is_kernel(part.fill) for row in rows for part in models[row].parts())
+        step = max(1, _HELD // count)
+        for first in range(0, len(rows), step):
+            block = rows[first : first + step]
             # The same points everywhere, shifted anew at every place.
-            u = rng.random((2, count)) if base is None else (base + rng.random((2, 1))) % 1.0
-            total[row] += self._mean(mixture, f, points.given[row], u)
+            shifts = [rng.random((2, count if base is None else 1)) for _ in block]
+
+            def add(which: slice, block: list[int] = block, shifts: Any = shifts) -> None:
+                for row, u in zip(block[which], shifts[which], strict=True):
+                    mixture, f = known[id(models[row])]
+                    own = u if base is None else (base + u) % 1.0
+                    total[row] += self._mean(mixture, f, points.given[row], own)
+
+            in_batches(add, len(block), max(1, _WORTH // count) if safe else len(block))
         return total
 
     def _mean(self, mixture: Mixture, f: Values, given: np.ndarray, u: np.ndarray) -> float:

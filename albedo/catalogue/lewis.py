@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Self
 
 from albedo.brdf import Choice, Model, Part, Real
 from albedo.catalogue.blinn import Blinn
@@ -47,6 +48,20 @@ class Lewis(Model):
     def pack(self) -> tuple[float, ...]:
         kind = self._lobe(n=self.n, rho_s=self.rho_s)
         return tuple(kind.pack())
+
+    @classmethod
+    def prepare(cls, models: Sequence[Self]) -> None:
+        """Tabulate the integrals of all that are divided by one at every incidence."""
+        from albedo.operators.normalize import per_incidence_ahead
+
+        for lobe in (Blinn, Phong):
+            per_incidence_ahead(
+                [
+                    lobe(n=model.n)
+                    for model in models
+                    if model.reading == "per_incidence" and model._lobe is lobe
+                ]
+            )
 
     def parts(self) -> tuple[Part, ...]:
         (part,) = self._lobe(n=self.n).parts()

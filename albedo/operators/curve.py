@@ -12,8 +12,8 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -130,7 +130,12 @@ def _values(x, edges, coefficients, out):
         out[i] = u * last - before + coefficients[low, 0]
 
 
-@lru_cache(maxsize=512)
+# Of the curves that were made last, by model and by what was asked for.
+_KEPT = 512
+_Key = tuple[Model, float, float | None, float, float]
+_kept: dict[_Key, AlbedoCurve] = {}
+
+
 def albedo_curve(
     model: Model,
     rtol: float = 4e-13,
@@ -158,18 +163,64 @@ def albedo_curve(
         With the bounds that were reached, which are larger than asked for where the albedo itself
         could not be had as precisely.
     """
+    return albedo_curves([model], rtol, atol=atol, first=first, last=last)[0]
+
+
+def albedo_curves(
+    models: Sequence[Model],
+    rtol: float = 4e-13,
+    *,
+    atol: float | None = None,
+    first: float = 0.0,
+    last: float = 2.0 * _MIDDLE,
+) -> list[AlbedoCurve]:
+    """The curves of several models, made side by side; those made lately are kept.
+
+    Parameters
+    ----------
+    models : sequence of Model
+    rtol, atol, first, last
+        As in `albedo_curve`.
+
+    Returns
+    -------
+    list of AlbedoCurve
+    """
+    keys = [(model, rtol, atol, first, last) for model in models]
+    found = {key: _kept[key] for key in keys if key in _kept}
+    missing = [key for key in dict.fromkeys(keys) if key not in found]
+    if missing:
+        made = _made([key[0] for key in missing], rtol, atol, first, last)
+        found.update(zip(missing, made, strict=True))
+    for key, curve in found.items():
+        # The oldest goes first.
+        _kept.pop(key, None)
+        _kept[key] = curve
+    for key in list(itertools.islice(_kept, max(len(_kept) - _KEPT, 0))):
+        _kept.pop(key, None)
+    return [found[key] for key in keys]
+
+
+def _made(
+    models: list[Model], rtol: float, atol: float | None, first: float, last: float
+) -> list[AlbedoCurve]:
+    """The curves of different models."""
     absolute = atol is not None
     goal = rtol if atol is None else atol
     inner = {"rtol": max(0.1 * rtol, 4e-14), "atol": 0.0}
     if absolute:
         inner = {"rtol": 0.0, "atol": 0.1 * goal}
-    pieces: list[tuple[float, float, np.ndarray, float]] = []
+    count = len(models)
+    pieces: list[list[tuple[float, float, np.ndarray, float]]] = [[] for _ in models]
     inside = [_MIDDLE] if first < _MIDDLE < last else []
-    active = list(itertools.pairwise([first, *inside, last]))
+    start = list(itertools.pairwise([first, *inside, last]))
+    # Of every piece: whose it is, and its ends.
+    active = [(k, *ends) for k in range(count) for ends in start]
     seen_before = np.full(len(active), np.inf)
-    used = 0
+    used = np.zeros(count, dtype=int)
     for depth in range(_DEEPEST + 1):
-        ends = np.array(active)
+        owner = np.array([piece[0] for piece in active])
+        ends = np.array([piece[1:] for piece in active])
         low, size = ends[:, :1], np.diff(ends, axis=1)
         y = low + 0.5 * (np.concatenate((_NODES, _FRESH)) + 1.0) * size
         # Both ends as they are, where what was added and subtracted may not return.
@@ -178,12 +229,14 @@ def albedo_curve(
         # Cosines are rounded: near 1 they stand for another angle.
         basis = chebyshev.chebvander(2.0 * (_folded(x) - low) / size - 1.0, _ORDER - 1)
         found = albedo_rows(
-            *([model] * x.size, x.ravel(), np.zeros(x.size)),
+            *([models[k] for k in np.repeat(owner, x.shape[1])], x.ravel(), np.zeros(x.size)),
             rtol=inner["rtol"],
             atol=inner["atol"],
             shared=True,
         )
-        used += int(found.evaluations.sum())
+        used += np.bincount(
+            owner, weights=found.evaluations.reshape(x.shape).sum(1), minlength=count
+        ).astype(int)
         value, error = found.value.reshape(x.shape), found.error.reshape(x.shape)
         unit = np.ones_like(value) if absolute else np.maximum(np.abs(value), 1e-300)
         own = (error / unit).max(1)
@@ -198,24 +251,30 @@ def albedo_curve(
         # Next to the normal cosines are too coarse for the nodes of a half.
         far = np.where(ends[:, 1] > _MIDDLE, 2.0 * _MIDDLE - ends[:, 0], 1.0)
         done = (bound <= goal) | stuck | (0.25 * far * size[:, 0] < _TOLD_APART)
-        if depth == _DEEPEST or len(pieces) + 2 * len(active) > _MOST:
-            done[:] = True
-        pieces += [
-            (*active[k], coefficients[k, :, 0], float(bound[k]))
-            for k in np.flatnonzero(done).tolist()
-        ]
-        halves: list[tuple[float, float]] = []
+        held = np.array([len(own_pieces) for own_pieces in pieces])
+        full = held + 2 * np.bincount(owner, minlength=count) > _MOST
+        done |= full[owner] | (depth == _DEEPEST)
+        for k in np.flatnonzero(done).tolist():
+            whose, begin, end = active[k]
+            pieces[whose].append((begin, end, coefficients[k, :, 0], float(bound[k])))
+        halves: list[tuple[int, float, float]] = []
         for k in np.flatnonzero(~done).tolist():
-            start, end = active[k]
-            halves += itertools.pairwise((start, 0.5 * (start + end), end))
+            whose, begin, end = active[k]
+            middle = 0.5 * (begin + end)
+            halves += (whose, begin, middle), (whose, middle, end)
         active = halves
         seen_before = np.repeat(seen[~done], 2)
         if not active:
             break
-    pieces.sort(key=lambda piece: piece[0])
-    return AlbedoCurve(
-        np.array([piece[0] for piece in pieces] + [last]),
-        np.array([piece[2] for piece in pieces]),
-        np.array([piece[3] for piece in pieces]),
-        used,
-    )
+    curves = []
+    for own_pieces, evaluations in zip(pieces, used.tolist(), strict=True):
+        own_pieces.sort(key=lambda piece: piece[0])
+        curves.append(
+            AlbedoCurve(
+                np.array([piece[0] for piece in own_pieces] + [last]),
+                np.array([piece[2] for piece in own_pieces]),
+                np.array([piece[3] for piece in own_pieces]),
+                evaluations,
+            )
+        )
+    return curves

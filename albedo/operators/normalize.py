@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from types import MappingProxyType
@@ -12,7 +13,7 @@ import numpy as np
 
 from albedo.brdf import Kernel, Model, Parameter, Part
 from albedo.errors import InputError
-from albedo.operators.curve import AlbedoCurve, albedo_curve
+from albedo.operators.curve import AlbedoCurve, albedo_curve, albedo_curves
 from albedo.operators.heights import HeightTable
 from albedo.operators.surface import TURNED, SurfaceTable, surface_table, table_of
 from albedo.quadrature import albedo_rows
@@ -57,6 +58,12 @@ def per_incidence(fill: Kernel, model: Model) -> dict[str, Any]:
     """
     curve = albedo_curve(model)
     return {"fill": PerIncidence(fill, curve), "doubt": curve.bound}
+
+
+def per_incidence_ahead(models: Sequence[Model]) -> None:
+    """Make, side by side, the curves that `per_incidence` divides by."""
+    if models:
+        albedo_curves(models)
 
 
 @lru_cache(maxsize=4096)
