@@ -13,9 +13,8 @@ from scipy.interpolate import RegularGridInterpolator
 from typer.testing import CliRunner
 
 import albedo
-from albedo.advice import judge, lookup, prices
+from albedo.advice import judge, prices
 from albedo.advice.interpolant import interpolate
-from albedo.advice.lookup import Grid, Polynomial, Table
 from albedo.advice.rows import Rows
 from albedo.advice.scene import Axis, Scene, disc_mean, disc_rule
 from albedo.advice.search import Search, share_of
@@ -25,6 +24,8 @@ from albedo.catalogue import model_class, names
 from albedo.cli import app
 from albedo.directions import spherical
 from albedo.errors import InputError
+from albedo.lookup.stored import Grid, Polynomial, Table
+from albedo.lookup.warps import Warp
 
 EPS = float(np.finfo(float).eps)
 AXES = {
@@ -57,7 +58,7 @@ def test_linear_tables_read_as_scipy_does(axes: int, which: int, rng: np.random.
     ends = [np.linspace(*own, n) for own, n in zip(g.warped_ends, g.counts, strict=True)]
     known = RegularGridInterpolator(ends, values, bounds_error=False, fill_value=None)
     x = places(g, rng)
-    warped = [lookup.warp(name, v) for name, v in zip(g.warps, x, strict=True)]
+    warped = [Warp.parse(name)(v) for name, v in zip(g.warps, x, strict=True)]
     found = Table.of(g, values, "float64", "linear")(x)
     # A place between points is known to some roundings of its warp, times the steepest slope.
     np.testing.assert_allclose(found, known(np.array(warped).T), atol=200.0 * EPS)
@@ -72,7 +73,7 @@ def test_cubic_tables_are_exact_for_cubics(axes: int, which: int, rng: np.random
     def cubic(*columns: np.ndarray) -> np.ndarray:
         product: Any = 1.0
         for name, p, x in zip(g.warps, powers, columns, strict=True):
-            product = product * np.polynomial.polynomial.polyval(lookup.warp(name, x), p)
+            product = product * np.polynomial.polynomial.polyval(Warp.parse(name)(x), p)
         return product
 
     values = cubic(*np.meshgrid(*g.nodes(), indexing="ij"))
@@ -113,7 +114,7 @@ def test_polynomials_are_sums_of_chebyshev_ones(
     x = places(g, rng)
     known = np.zeros(x.shape[1])
     units = [
-        2.0 * (lookup.warp(name, v) - low) / (high - low) - 1.0
+        2.0 * (Warp.parse(name)(v) - low) / (high - low) - 1.0
         for name, v, (low, high) in zip(g.warps, x, g.warped_ends, strict=True)
     ]
     for index in np.ndindex(*g.counts):

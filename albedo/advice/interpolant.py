@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from albedo.advice.lookup import unwarp, warp
+from albedo.lookup.warps import Warp
 
 _FIRST, _LARGEST = 9, 129
 # Coefficients that are looked at to tell whether an axis has enough of them.
@@ -26,7 +26,7 @@ class Interpolant:
     ends : tuple of (float, float)
         The smaller and the larger end of each.
     warps : tuple of str
-        What each is taken in; see `albedo.advice.lookup.WARPS`.
+        What each is taken in; see `albedo.lookup.warps.Warp`.
     coefficients : ndarray
         Of products of Chebyshev polynomials, an axis for each coordinate.
     resolved : bool
@@ -48,8 +48,9 @@ class Interpolant:
         return found
 
     def _matrix(self, axis: int, values: np.ndarray) -> np.ndarray:
-        low, high = np.sort(warp(self.warps[axis], self.ends[axis]))
-        x = (2.0 * warp(self.warps[axis], values) - (low + high)) / (high - low)
+        own = Warp.parse(self.warps[axis])
+        low, high = np.sort(own(self.ends[axis]))
+        x = (2.0 * own(values) - (low + high)) / (high - low)
         count = self.coefficients.shape[axis]
         return np.polynomial.chebyshev.chebvander(np.clip(x, -1.0, 1.0), count - 1)
 
@@ -77,9 +78,10 @@ def _nodes(
     """Chebyshev's points of the first kind along every axis."""
     found = []
     for own, name, size in zip(ends, warps, sizes, strict=True):
-        low, high = np.sort(warp(name, own))
+        warp = Warp.parse(name)
+        low, high = np.sort(warp(own))
         x = np.cos(math.pi * (np.arange(size) + 0.5) / size)
-        values = unwarp(name, 0.5 * (low + high) + 0.5 * (high - low) * x)
+        values = warp.inverse(0.5 * (low + high) + 0.5 * (high - low) * x)
         found.append(np.clip(values, *own))
     return found
 

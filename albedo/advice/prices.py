@@ -20,16 +20,18 @@ from typing import Any
 
 import numpy as np
 
-from albedo.advice.lookup import READ, STORED, Grid, Polynomial, Table
 from albedo.analysis import kernel_cost
 from albedo.brdf import Choice, Model, Part, Real
 from albedo.compose import Sum
 from albedo.directions import spherical
 from albedo.errors import InputError
 from albedo.grammar import parse_model
+from albedo.lookup.stored import READ, Grid, Polynomial, Table
 
 FILE = Path(__file__).with_name("prices.csv")
 COLUMNS = ("what", "key", "how", "ns", "low", "high")
+STORED = ("float64", "float32", "float16", "unorm16")
+"""What tables are priced in: eight bits a number are too few for what is seen."""
 
 _COUNT = 4096
 _LIGHTS, _COSINES = 256, (0.1, 1.0)

@@ -12,13 +12,13 @@ import numpy as np
 
 import albedo
 from albedo.advice import prices as priced
-from albedo.advice.lookup import Polynomial, Table
 from albedo.advice.prices import Prices
 from albedo.advice.scene import LIGHTS, SEEN, Axis, Scene
 from albedo.advice.ways import AlbedoWays, Places, RadianceWays, Variant, Way, variants
 from albedo.brdf import Alias, Model, Real
 from albedo.errors import InputError
 from albedo.grammar import ModelSpec, parse
+from albedo.lookup.stored import Polynomial, Table
 
 PILOT, FRESH = 0, 1
 """Seeds of the places where ways are tried first, and where the best ones are tested."""

@@ -13,21 +13,20 @@ from typing import Any
 import numpy as np
 
 from albedo.advice.interpolant import Interpolant, interpolate
-from albedo.advice.lookup import (
+from albedo.advice.prices import STORED, Prices
+from albedo.advice.rows import albedos
+from albedo.advice.scene import Points, Scene
+from albedo.advice.ways import Lazy, Places, Variant, Way
+from albedo.brdf import Model
+from albedo.lookup.stored import (
     MOST_AXES,
     READ,
-    STORED,
     Grid,
     Polynomial,
     Table,
     all_warps,
     size_of,
 )
-from albedo.advice.prices import Prices
-from albedo.advice.rows import albedos
-from albedo.advice.scene import Points, Scene
-from albedo.advice.ways import Lazy, Places, Variant, Way
-from albedo.brdf import Model
 
 SIZES = (2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
 """Points along each axis of the tables that are tried."""

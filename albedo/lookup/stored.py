@@ -2,8 +2,9 @@
 
 A table is an even grid in warped coordinates, read linearly or with four points along each axis
 (Lagrange's cubic, one-sided at the ends). Its numbers are stored in float64, float32, float16, or
-as 16-bit shares between its smallest and largest number (unorm16). A polynomial is a product of
-powers of warped coordinates on [-1, 1]. Arithmetic is in float64 for all of them.
+as shares of 16 or 8 bits between its smallest and largest number (unorm16, unorm8). Beyond its
+outermost nodes a table has what it has there, as textures do. A polynomial is a product of powers
+of warped coordinates on [-1, 1]. Arithmetic is in float64 for all of them.
 """
 
 from __future__ import annotations
@@ -17,28 +18,21 @@ from typing import Any
 import numpy as np
 
 from albedo._compile import inlined, kernel
+from albedo.lookup.warps import Warp, warped
 
-WARPS = ("linear", "sqrt", "angle", "log")
-"""What an axis is even in: the coordinate, its root, its arc cosine, its logarithm."""
-STORED = ("float64", "float32", "float16", "unorm16")
+STORED = ("float64", "float32", "float16", "unorm16", "unorm8")
+"""How numbers may be stored."""
 READ = ("linear", "cubic")
+"""How a table is read: with two points along each axis, or with four."""
+TEXELS = ("ends", "centres")
+"""Where nodes lie: on both ends of an axis, or in the middle of as many equal texels."""
 MOST_AXES = 3
 
-_BYTES = {"float64": 8, "float32": 4, "float16": 2, "unorm16": 2}
+_BYTES = {"float64": 8, "float32": 4, "float16": 2, "unorm16": 2, "unorm8": 1}
+# What the largest share stands for.
+_SHARES = {"unorm16": 65535, "unorm8": 255}
 # Powers of two for the exponents of float16, whose smallest numbers have an exponent of their own.
-_HALVES = np.array([2.0**-24, *(2.0 ** (e - 25) for e in range(1, 31))])
-_LARGEST_HALF = 65504.0
-
-
-@inlined
-def _warped(code, x):
-    if code == 1:
-        return math.sqrt(max(x, 0.0))
-    if code == 2:
-        return math.acos(min(max(x, -1.0), 1.0))
-    if code == 3:
-        return math.log(x)
-    return x
+_HALVES = np.array([2.0**-24, *(2.0 ** (e - 25) for e in range(1, 31)), math.inf])
 
 
 @inlined
@@ -48,16 +42,38 @@ def _stored(code, a, b, table, i):
         return float(table[i])
     bits = int(table[i])
     if code == 1:
-        exponent = bits >> 10
-        digits = bits & 1023
-        return (digits + (1024 if exponent > 0 else 0)) * _HALVES[exponent]
+        exponent = (bits >> 10) & 31
+        digits = (bits & 1023) + (1024 if exponent > 0 else 0)
+        return (-digits if bits >> 15 else digits) * _HALVES[exponent]
     return a + b * bits
 
 
 @inlined
-def _place(code, low, scale, count, x, points):
-    """First of the points of a grid that are read, and where x lies from it."""
-    t = (_warped(code, x) - low) * scale
+def _axis(axes, a):
+    """What is known of an axis, in numbers that stay in registers."""
+    own = axes[a]
+    return (
+        *(int(own[0]), own[1], int(own[2]), own[3], own[4], own[5], own[6]),
+        *(own[7], own[8], int(own[9])),
+    )
+
+
+@inlined
+def _along(axis, a, x, i):
+    """Coordinate i along an axis, in steps from where its warped range begins."""
+    code, k, by, low, high, first, scale, steps, _, _ = axis
+    if by < 0:
+        return (warped(code, k, x[a, i]) - first) * scale
+    k *= x[by, i]
+    first = warped(code, k, low)
+    return steps * (warped(code, k, x[a, i]) - first) / (warped(code, k, high) - first)
+
+
+@inlined
+def _place(axis, a, x, i, points):
+    """First of the points of a grid that are read, and where coordinate i lies from it."""
+    _, _, _, _, _, _, _, _, shift, count = axis
+    t = min(max(_along(axis, a, x, i) + shift, 0.0), count - 1.0)
     first = int(t) - (points // 2 - 1)
     first = min(max(first, 0), count - points)
     return first, t - first
@@ -101,32 +117,38 @@ def _plane(code, a, b, table, i, width, s, t, cubic):
 
 
 @kernel
-def _read_line(x, warps, low, scale, counts, code, a, b, table, cubic, out):
+def _read_line(x, axes, code, a, b, table, cubic, out):
+    axis_0 = _axis(axes, 0)
     points = 4 if cubic else 2
     for i in range(out.size):
-        k, t = _place(warps[0], low[0], scale[0], counts[0], x[0, i], points)
+        k, t = _place(axis_0, 0, x, i, points)
         out[i] = _row(code, a, b, table, k, t, cubic)
 
 
 @kernel
-def _read_plane(x, warps, low, scale, counts, code, a, b, table, cubic, out):
+def _read_plane(x, axes, code, a, b, table, cubic, out):
+    axis_0 = _axis(axes, 0)
+    axis_1 = _axis(axes, 1)
     points = 4 if cubic else 2
-    width = counts[1]
+    width = axis_1[9]
     for i in range(out.size):
-        j, s = _place(warps[0], low[0], scale[0], counts[0], x[0, i], points)
-        k, t = _place(warps[1], low[1], scale[1], counts[1], x[1, i], points)
+        j, s = _place(axis_0, 0, x, i, points)
+        k, t = _place(axis_1, 1, x, i, points)
         out[i] = _plane(code, a, b, table, j * width + k, width, s, t, cubic)
 
 
 @kernel
-def _read_space(x, warps, low, scale, counts, code, a, b, table, cubic, out):
+def _read_space(x, axes, code, a, b, table, cubic, out):
+    axis_0 = _axis(axes, 0)
+    axis_1 = _axis(axes, 1)
+    axis_2 = _axis(axes, 2)
     points = 4 if cubic else 2
-    width = counts[2]
-    layer = counts[1] * width
+    width = axis_2[9]
+    layer = axis_1[9] * width
     for i in range(out.size):
-        m, r = _place(warps[0], low[0], scale[0], counts[0], x[0, i], points)
-        j, s = _place(warps[1], low[1], scale[1], counts[1], x[1, i], points)
-        k, t = _place(warps[2], low[2], scale[2], counts[2], x[2, i], points)
+        m, r = _place(axis_0, 0, x, i, points)
+        j, s = _place(axis_1, 1, x, i, points)
+        k, t = _place(axis_2, 2, x, i, points)
         at = m * layer + j * width + k
         first = _plane(code, a, b, table, at, width, s, t, cubic)
         second = _plane(code, a, b, table, at + layer, width, s, t, cubic)
@@ -149,16 +171,17 @@ def _horner(table, first, count, t):
 
 
 @inlined
-def _unit(code, low, scale, x):
+def _unit(axis, a, x, i):
     """A warped coordinate on [-1, 1]."""
-    return (_warped(code, x) - low) * scale - 1.0
+    return _along(axis, a, x, i) - 1.0
 
 
 @kernel
-def _powers_line(x, warps, low, scale, counts, table, out):
-    count = counts[0]
+def _powers_line(x, axes, table, out):
+    axis_0 = _axis(axes, 0)
+    count = axis_0[9]
     for i in range(out.size):
-        out[i] = _horner(table, 0, count, _unit(warps[0], low[0], scale[0], x[0, i]))
+        out[i] = _horner(table, 0, count, _unit(axis_0, 0, x, i))
 
 
 @inlined
@@ -171,21 +194,26 @@ def _horner_plane(table, first, rows, count, s, t):
 
 
 @kernel
-def _powers_plane(x, warps, low, scale, counts, table, out):
-    rows, count = counts[0], counts[1]
+def _powers_plane(x, axes, table, out):
+    axis_0 = _axis(axes, 0)
+    axis_1 = _axis(axes, 1)
+    rows, count = axis_0[9], axis_1[9]
     for i in range(out.size):
-        s = _unit(warps[0], low[0], scale[0], x[0, i])
-        t = _unit(warps[1], low[1], scale[1], x[1, i])
+        s = _unit(axis_0, 0, x, i)
+        t = _unit(axis_1, 1, x, i)
         out[i] = _horner_plane(table, 0, rows, count, s, t)
 
 
 @kernel
-def _powers_space(x, warps, low, scale, counts, table, out):
-    layers, rows, count = counts[0], counts[1], counts[2]
+def _powers_space(x, axes, table, out):
+    axis_0 = _axis(axes, 0)
+    axis_1 = _axis(axes, 1)
+    axis_2 = _axis(axes, 2)
+    layers, rows, count = axis_0[9], axis_1[9], axis_2[9]
     for i in range(out.size):
-        r = _unit(warps[0], low[0], scale[0], x[0, i])
-        s = _unit(warps[1], low[1], scale[1], x[1, i])
-        t = _unit(warps[2], low[2], scale[2], x[2, i])
+        r = _unit(axis_0, 0, x, i)
+        s = _unit(axis_1, 1, x, i)
+        t = _unit(axis_2, 2, x, i)
         value = _horner_plane(table, 0, rows, count, s, t)
         for m in range(1, layers):
             value = value * r + _horner_plane(table, m * rows * count, rows, count, s, t)
@@ -194,25 +222,6 @@ def _powers_space(x, warps, low, scale, counts, table, out):
 
 _READERS = {1: _read_line, 2: _read_plane, 3: _read_space}
 _SUMS = {1: _powers_line, 2: _powers_plane, 3: _powers_space}
-
-
-def warp(name: str, values: Any) -> np.ndarray:
-    """Values of a coordinate as the axis of a table is even in them."""
-    x = np.asarray(values, dtype=np.float64)
-    if name == "sqrt":
-        return np.sqrt(x)
-    if name == "angle":
-        return np.arccos(x)
-    return np.log(x) if name == "log" else x
-
-
-def unwarp(name: str, values: np.ndarray) -> np.ndarray:
-    """The coordinate of warped values."""
-    if name == "sqrt":
-        return values * values
-    if name == "angle":
-        return np.cos(values)
-    return np.exp(values) if name == "log" else values
 
 
 @dataclass(frozen=True)
@@ -226,43 +235,92 @@ class Grid:
     ends : tuple of (float, float)
         Where each begins and ends, in the coordinate itself.
     warps : tuple of str
-        Of `WARPS`, what each is even in.
+        What each is even in; see `albedo.lookup.warps.Warp`.
     counts : tuple of int
         Points along each axis, or coefficients.
+    texels : str
+        Of `TEXELS`, where the points lie.
     """
 
     names: tuple[str, ...]
     ends: tuple[tuple[float, float], ...]
     warps: tuple[str, ...]
     counts: tuple[int, ...]
+    texels: str = "ends"
 
     @property
     def warped_ends(self) -> np.ndarray:
-        """The ends in what each axis is even in, shape (axes, 2), the smaller first."""
+        """The ends in what each axis is even in, shape (axes, 2), the smaller first.
+
+        Of a warp that depends on another coordinate, where that is 1.
+        """
         found = [
-            np.sort(warp(name, ends)) for name, ends in zip(self.warps, self.ends, strict=True)
+            np.sort(Warp.parse(text)(np.array(ends)))
+            for text, ends in zip(self.warps, self.ends, strict=True)
         ]
         return np.array(found)
 
     def nodes(self) -> list[np.ndarray]:
-        """Coordinates of the points along each axis."""
-        found = []
-        for name, (low, high), count, own in zip(
-            self.warps, self.warped_ends.tolist(), self.counts, self.ends, strict=True
-        ):
-            values = unwarp(name, np.linspace(low, high, count))
-            found.append(np.clip(values, min(own), max(own)))
-        return found
+        """Coordinates of the points along each axis, where any other coordinate is 1."""
+        return [self._unwarped(axis, Warp.parse(text), 1.0) for axis, text in enumerate(self.warps)]
 
-    def _numbers(self, steps: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Codes of the warps, lower ends, and steps per warped unit."""
-        ends = self.warped_ends
-        codes = np.array([WARPS.index(name) for name in self.warps])
-        return codes, np.ascontiguousarray(ends[:, 0]), steps / (ends[:, 1] - ends[:, 0])
+    def points(self) -> np.ndarray:
+        """Coordinates of all points, shape (axes, points), the last axis running fastest."""
+        found: list[np.ndarray] = []
+        for axis, text in enumerate(self.warps):
+            own = Warp.parse(text)
+            shape = [1] * len(self.names)
+            shape[axis] = self.counts[axis]
+            if not own.by:
+                found.append(self._unwarped(axis, own, 1.0).reshape(shape))
+                continue
+            by = self.names.index(own.by)
+            plain = self._unwarped(by, Warp.parse(self.warps[by]), 1.0)
+            both = np.array([self._unwarped(axis, own, value) for value in plain.tolist()])
+            shape[by] = self.counts[by]
+            found.append((both if by < axis else both.T).reshape(shape))
+        return np.array([np.broadcast_to(x, self.counts).ravel() for x in found])
+
+    def _unwarped(self, axis: int, own: Warp, other: float) -> np.ndarray:
+        """Coordinates of the points along an axis where another coordinate has some value."""
+        count, ends = self.counts[axis], self.ends[axis]
+        low, high = own(np.array(ends), other)
+        if self.texels == "ends":
+            share = np.linspace(0.0, 1.0, count)
+        else:
+            share = (np.arange(count) + 0.5) / count
+        # The smaller warped value comes first: the angle falls with its cosine.
+        first, last = min(low, high), max(low, high)
+        return np.clip(own.inverse(first + share * (last - first), other), min(ends), max(ends))
+
+    def numbers(self, steps: float | None = None) -> np.ndarray:
+        """What kernels know of the axes, shape (axes, 10), in the order of `_axis`.
+
+        An axis has as many steps as there are from node to node, if their number is not given.
+        """
+        found = np.zeros((len(self.names), 10))
+        for axis, (text, ends, count) in enumerate(
+            zip(self.warps, self.ends, self.counts, strict=True)
+        ):
+            own = Warp.parse(text)
+            by = self.names.index(own.by) if own.by else -1
+            # Where a warp depends on another coordinate, kernels find its ends at each place.
+            first, last = np.sort(own(np.array(ends)))
+            own_steps, shift = (count - 1.0, 0.0) if self.texels == "ends" else (count, -0.5)
+            if steps is not None:
+                own_steps, shift = steps, 0.0
+            found[axis] = (
+                *(own.code, own.k, by, *ends, first, own_steps / (last - first)),
+                *(own_steps, shift, count),
+            )
+        return found
 
     def __str__(self) -> str:
         said = {"linear": "", "sqrt": "root of ", "angle": "angle of ", "log": "log of "}
-        axes = [said[w] + n for n, w in zip(self.names, self.warps, strict=True)]
+        axes = [
+            said[w] + n if w in said else f"{w} of {n}"
+            for n, w in zip(self.names, self.warps, strict=True)
+        ]
         return " x ".join(
             f"{count} ({axis})" for count, axis in zip(self.counts, axes, strict=True)
         )
@@ -282,7 +340,7 @@ class Table:
     data : ndarray
         The numbers as they are stored, all axes in one.
     low, step : float
-        What unorm16 shares are shares of.
+        What shares are shares of.
     """
 
     grid: Grid
@@ -300,12 +358,11 @@ class Table:
             # Larger numbers do not exist there: they become infinite, and fail where it is tested.
             with np.errstate(over="ignore"):
                 return cls(grid, stored, read, flat.astype(np.float16).view(np.uint16))
-        if stored == "unorm16":
+        if stored in _SHARES:
             low, high = float(flat.min()), float(flat.max())
-            step = (high - low) / 65535.0 or 1.0
-            return cls(
-                grid, stored, read, np.rint((flat - low) / step).astype(np.uint16), low, step
-            )
+            step = (high - low) / _SHARES[stored] or 1.0
+            bits = np.uint16 if stored == "unorm16" else np.uint8
+            return cls(grid, stored, read, np.rint((flat - low) / step).astype(bits), low, step)
         return cls(grid, stored, read, flat.astype(stored))
 
     @property
@@ -319,10 +376,10 @@ class Table:
         Returns
         -------
         dict
-            ``data``; of float16 and unorm16 the 16 bits of each. A unorm16 share k stands for
+            ``data``; of float16 the 16 bits of each. A share k of unorm16 or unorm8 stands for
             ``low`` + ``step`` k.
         """
-        scale = {"low": self.low, "step": self.step} if self.stored == "unorm16" else {}
+        scale = {"low": self.low, "step": self.step} if self.stored in _SHARES else {}
         return {"data": self.data.tolist(), **scale}
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
@@ -333,13 +390,21 @@ class Table:
 
     def fill(self, x: np.ndarray, out: np.ndarray) -> None:
         """The same, into an array."""
-        counts = np.array(self.grid.counts)
-        code = {"float16": 1, "unorm16": 2}.get(self.stored, 0)
-        reader = _READERS[len(counts)]
-        numbers = self.grid._numbers(counts - 1.0)
-        reader(
-            *(x, *numbers, counts, code, self.low, self.step, self.data, self.read == "cubic", out)
-        )
+        code = {"float16": 1, "unorm16": 2, "unorm8": 2}.get(self.stored, 0)
+        reader = _READERS[len(self.grid.counts)]
+        axes = self.grid.numbers()
+        reader(x, axes, code, self.low, self.step, self.data, self.read == "cubic", out)
+
+    @property
+    def values(self) -> np.ndarray:
+        """The numbers at the nodes as they are read, shape as the counts of the grid."""
+        if self.stored == "float16":
+            found = self.data.view(np.float16).astype(np.float64)
+        elif self.stored in _SHARES:
+            found = self.low + self.step * self.data.astype(np.float64)
+        else:
+            found = self.data.astype(np.float64)
+        return found.reshape(self.grid.counts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -385,9 +450,7 @@ class Polynomial:
 
     def fill(self, x: np.ndarray, out: np.ndarray) -> None:
         """The same, into an array."""
-        counts = np.array(self.grid.counts)
-        numbers = self.grid._numbers(np.full(len(counts), 2.0))
-        _SUMS[len(counts)](x, *numbers, counts, self.data, out)
+        _SUMS[len(self.grid.counts)](x, self.grid.numbers(2.0), self.data, out)
 
 
 def _powers(chebyshev: np.ndarray) -> np.ndarray:

@@ -1,0 +1,1 @@
+"""Lookup tables: designed to an error, labelled with it, stored, and read."""
