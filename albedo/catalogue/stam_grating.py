@@ -28,6 +28,7 @@ _MOST_PHASE = 1e5
 _VANISHED, _FARTHEST = 760.0, 200_000
 # In widths, from where on the root of a Gaussian is 0.
 _FAR = math.sqrt(4.0 * _VANISHED)
+_ROOT = math.sqrt(2.0 * math.pi)
 
 
 def strengths(n: np.ndarray, phase: np.ndarray, duty: np.ndarray) -> np.ndarray:
@@ -120,7 +121,8 @@ def fill(wi: np.ndarray, wo: np.ndarray, h: np.ndarray, p: np.ndarray, out: np.n
             root = np.sqrt(strengths(n[seen], phase[seen], shape[seen])) * height
             with np.errstate(over="ignore", invalid="ignore"):
                 straight = 2.0 * v_h[seen] * (v_h[seen] / np.where(mirror, w[seen], some[seen]))
-                part = root * (straight / cosines[seen])
+                # Before it is squared: the square may be beyond all numbers where the value is not.
+                part = root * (straight / cosines[seen] / (_ROOT * sigma[seen]))
                 total[seen] += np.where(root > 0.0, part * part, 0.0)
     factor = np.empty(w.shape)
     away = sum((x - y) ** 2 for x, y in zip((wi[0][:, None], wi[1][:, None], lz), wo, strict=True))
@@ -132,8 +134,8 @@ def fill(wi: np.ndarray, wo: np.ndarray, h: np.ndarray, p: np.ndarray, out: np.n
         fill_factors(int(code), *numbers, v_h[rows].ravel(), less[rows].ravel(), found)
         factor[rows] = found.reshape(-1, w.shape[1])
     with np.errstate(all="ignore"):
-        values = factor * total / (2.0 * math.pi * sigma * sigma)
-    out[:] = np.where(above & (factor * total > 0.0), values, 0.0)
+        values = factor * total
+    out[:] = np.where(above & (values > 0.0), values, 0.0)
 
 
 @kernel

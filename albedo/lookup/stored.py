@@ -12,7 +12,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -262,36 +262,58 @@ class Grid:
 
     def nodes(self) -> list[np.ndarray]:
         """Coordinates of the points along each axis, where any other coordinate is 1."""
-        return [self._unwarped(axis, Warp.parse(text), 1.0) for axis, text in enumerate(self.warps)]
+        lines = [self.shares(count) for count in self.counts]
+        return [self._along(axis, line, 1.0) for axis, line in enumerate(lines)]
 
     def points(self) -> np.ndarray:
         """Coordinates of all points, shape (axes, points), the last axis running fastest."""
-        found: list[np.ndarray] = []
-        for axis, text in enumerate(self.warps):
-            own = Warp.parse(text)
-            shape = [1] * len(self.names)
-            shape[axis] = self.counts[axis]
-            if not own.by:
-                found.append(self._unwarped(axis, own, 1.0).reshape(shape))
-                continue
-            by = self.names.index(own.by)
-            plain = self._unwarped(by, Warp.parse(self.warps[by]), 1.0)
-            both = np.array([self._unwarped(axis, own, value) for value in plain.tolist()])
-            shape[by] = self.counts[by]
-            found.append((both if by < axis else both.T).reshape(shape))
-        return np.array([np.broadcast_to(x, self.counts).ravel() for x in found])
+        lines = [self.shares(count) for count in self.counts]
+        return self.at(np.array([m.ravel() for m in np.meshgrid(*lines, indexing="ij")]))
 
-    def _unwarped(self, axis: int, own: Warp, other: float) -> np.ndarray:
-        """Coordinates of the points along an axis where another coordinate has some value."""
-        count, ends = self.counts[axis], self.ends[axis]
-        low, high = own(np.array(ends), other)
+    def shares(self, count: int) -> np.ndarray:
+        """Where points lie along a warped axis, from 0 at its beginning to 1 at its end."""
         if self.texels == "ends":
-            share = np.linspace(0.0, 1.0, count)
-        else:
-            share = (np.arange(count) + 0.5) / count
-        # The smaller warped value comes first: the angle falls with its cosine.
-        first, last = min(low, high), max(low, high)
-        return np.clip(own.inverse(first + share * (last - first), other), min(ends), max(ends))
+            return np.linspace(0.0, 1.0, count)
+        return (np.arange(count) + 0.5) / count
+
+    def between(self, within: int) -> Grid:
+        """Points at all nodes and, as many times as finely, between them and at both ends."""
+        cells = [n - 1 if self.texels == "ends" else n for n in self.counts]
+        return replace(self, counts=tuple(within * n + 1 for n in cells), texels="ends")
+
+    def at(self, shares: np.ndarray) -> np.ndarray:
+        """Coordinates, shape (axes, n), at shares of the warped axes, of the same shape."""
+        found = np.empty(shares.shape)
+        # What depends on another coordinate comes after it.
+        for axis in sorted(
+            range(len(self.names)), key=lambda a: bool(Warp.parse(self.warps[a]).by)
+        ):
+            by = Warp.parse(self.warps[axis]).by
+            other = found[self.names.index(by)] if by else 1.0
+            found[axis] = self._along(axis, shares[axis], other)
+        return found
+
+    def _along(self, axis: int, share: np.ndarray, other: Any) -> np.ndarray:
+        own, ends = Warp.parse(self.warps[axis]), self.ends[axis]
+        first, last = own(min(ends), other), own(max(ends), other)
+        # The angle falls with its cosine, and the smaller warped value comes first.
+        low, high = np.minimum(first, last), np.maximum(first, last)
+        found = own.inverse(low + share * (high - low), other)
+        return np.clip(found, min(ends), max(ends))
+
+    def steps(self, x: np.ndarray) -> np.ndarray:
+        """Where coordinates, shape (axes, n), lie along the axes, in steps from the first node."""
+        found = np.empty(x.shape)
+        for axis, (text, ends, count) in enumerate(
+            zip(self.warps, self.ends, self.counts, strict=True)
+        ):
+            own = Warp.parse(text)
+            other = x[self.names.index(own.by)] if own.by else 1.0
+            first, last = own(min(ends), other), own(max(ends), other)
+            low, high = np.minimum(first, last), np.maximum(first, last)
+            share = (own(x[axis], other) - low) / (high - low)
+            found[axis] = share * (count - 1) if self.texels == "ends" else share * count - 0.5
+        return found
 
     def numbers(self, steps: float | None = None) -> np.ndarray:
         """What kernels know of the axes, shape (axes, 10), in the order of `_axis`.
