@@ -52,6 +52,19 @@ def test_no_value_is_nan_where_many_parameters_are_special(name: str) -> None:
     assert [line for model in models if model.parts() for line in wrong_values(model)] == []
 
 
+@pytest.mark.parametrize(
+    "spec",
+    [
+        # Only the square of what is squared is beyond all numbers.
+        "stam_grating:depth=0,period=1,wavelength=1000,coherence=0.1",
+        # Only in 50 digits is the phase w k depth above 0.
+        "stam_grating:period=1e4,depth=1,wavelength=1000,coherence=1000",
+    ],
+)
+def test_lobes_of_gratings_at_the_smallest_cosines(spec: str) -> None:
+    assert wrong_values(parse(spec).model()) == []
+
+
 HORIZON = [0.0, -0.0, -5e-324, -1e-300]
 ABOVE = [5e-324, 1e-300, 0.5, 1.0]
 

@@ -273,13 +273,17 @@ def test_series_end_in_every_arithmetic(spec: str) -> None:
     assert frame["float64"].min() > 12.0
 
 
-@pytest.mark.parametrize("z", [0.0, 1e-9, 20.5, 100.25, 1234.5])
-def test_bessel_functions_of_fifty_digits(z: float) -> None:
-    """By recurrence from z = 20 on, against mpmath's series with more digits."""
+@pytest.mark.parametrize("text", ["0", "1e-330", "1e-9", "20.5", "100.25", "1234.5"])
+def test_bessel_functions_of_fifty_digits(text: str) -> None:
+    """By recurrence from z = 20 on, against mpmath's series with more digits.
+
+    One argument is below all numbers of float64.
+    """
     bessel_j, number = precise().functions["bessel_j"], precise().number
     with exact.mp.workdps(70):
+        z = exact.mp.mpf(text)
         for order in (0, 1, -3, int(0.6 * z), -int(z), int(1.2 * z) + 5, int(3.0 * z) + 40):
-            known = exact.mp.besselj(order, exact.mp.mpf(z))
-            found = exact.mp.mpf(bessel_j(number(order), number(z))._mpf_)
+            known = exact.mp.besselj(order, z)
+            found = exact.mp.mpf(bessel_j(number(order), number(text))._mpf_)
             # The last of fifty digits is rounded, of the recurrence and of its norm.
             assert abs(found - known) <= exact.mp.mpf(10) ** -49 * abs(known)

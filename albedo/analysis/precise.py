@@ -129,9 +129,10 @@ def _bessel_j(context: Any) -> Callable[[Any, Any], Any]:
 
     def bessel_j(order: Any, z: Any) -> Any:
         n = abs(int(order))
-        # From here on what it begins with is felt.
-        far = n > z and 2.0 * n * (math.log(2.0 * n / float(z)) - 1.0) > _BEGINS if z > 0 else True
-        if z <= _BY_RECURRENCE or far:
+        if z <= _BY_RECURRENCE:
+            return context.besselj(order, z)
+        if n > z and 2.0 * n * (math.log(2.0 * n / float(z)) - 1.0) > _BEGINS:
+            # From here on what the recurrence begins with is felt.
             return context.besselj(order, z)
         value = all_orders(z)[n]
         return -value if order < 0 and n % 2 else value
