@@ -57,6 +57,9 @@ def test_no_value_is_nan_where_many_parameters_are_special(name: str) -> None:
     [
         # Only the square of what is squared is beyond all numbers.
         "stam_grating:depth=0,period=1,wavelength=1000,coherence=0.1",
+        # A small Fresnel factor brings it back.
+        "stam_grating:depth=0,period=1,wavelength=1000,coherence=1,fresnel=schlick,f0=0",
+        "stam_grating:period=0.01,depth=0,wavelength=1000,coherence=1,fresnel=conductor,ior=1,k=1e-8",
         # Only in 50 digits is the phase w k depth above 0.
         "stam_grating:period=1e4,depth=1,wavelength=1000,coherence=1000",
     ],

@@ -106,6 +106,17 @@ def fill(wi: np.ndarray, wo: np.ndarray, h: np.ndarray, p: np.ndarray, out: np.n
     last = np.where(np.isnan(duty), last, math.inf)
     above = (lz > 0.0) & (vz > 0.0)
     cosines = np.sqrt(np.where(lz > 0.0, lz, 1.0)) * np.sqrt(np.where(vz > 0.0, vz, 1.0))
+    factor = np.empty(w.shape)
+    away = sum((x - y) ** 2 for x, y in zip((wi[0][:, None], wi[1][:, None], lz), wo, strict=True))
+    less = 0.25 * away / (1.0 + v_h)
+    for code in np.unique(p[:, 4]).tolist():
+        rows = p[:, 4] == code
+        found = np.empty(v_h[rows].size)
+        numbers = (np.repeat(p[rows, i], w.shape[1]) for i in (5, 6, 7))
+        fill_factors(int(code), *numbers, v_h[rows].ravel(), less[rows].ravel(), found)
+        factor[rows] = found.reshape(-1, w.shape[1])
+    # Before it is squared: the square may be beyond all numbers where the value is not.
+    scale = np.sqrt(factor) / (_ROOT * sigma)
     columns = (np.broadcast_to(x, w.shape) for x in (step, sigma, wave * some, duty))
     step, sigma, phase, shape = columns
     most = float(last.max(initial=0.0))
@@ -121,21 +132,9 @@ def fill(wi: np.ndarray, wo: np.ndarray, h: np.ndarray, p: np.ndarray, out: np.n
             root = np.sqrt(strengths(n[seen], phase[seen], shape[seen])) * height
             with np.errstate(over="ignore", invalid="ignore"):
                 straight = 2.0 * v_h[seen] * (v_h[seen] / np.where(mirror, w[seen], some[seen]))
-                # Before it is squared: the square may be beyond all numbers where the value is not.
-                part = root * (straight / cosines[seen] / (_ROOT * sigma[seen]))
+                part = root * (straight / cosines[seen] * scale[seen])
                 total[seen] += np.where(root > 0.0, part * part, 0.0)
-    factor = np.empty(w.shape)
-    away = sum((x - y) ** 2 for x, y in zip((wi[0][:, None], wi[1][:, None], lz), wo, strict=True))
-    less = 0.25 * away / (1.0 + v_h)
-    for code in np.unique(p[:, 4]).tolist():
-        rows = p[:, 4] == code
-        found = np.empty(v_h[rows].size)
-        numbers = (np.repeat(p[rows, i], w.shape[1]) for i in (5, 6, 7))
-        fill_factors(int(code), *numbers, v_h[rows].ravel(), less[rows].ravel(), found)
-        factor[rows] = found.reshape(-1, w.shape[1])
-    with np.errstate(all="ignore"):
-        values = factor * total
-    out[:] = np.where(above & (values > 0.0), values, 0.0)
+    out[:] = np.where(above & (total > 0.0), total, 0.0)
 
 
 @kernel

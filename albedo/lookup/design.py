@@ -41,6 +41,8 @@ _WITHIN, _MOST = 8, 3_000_000
 # Fresh places where the table is compared with quadrature, and of these next to the worst.
 _FRESH, _NEAR = 768, 256
 _SEED = 0x1ABE1
+# Shares along each axis whose errors the label tells, by the number of axes.
+_BLOCKS = {1: 32, 2: 12, 3: 6}
 # Numbers k of the rational family that are tried, before the best one is sharpened.
 _FAMILY = tuple(10.0**e for e in np.linspace(-2.0, 1.0, 7).tolist())
 _SHARPENINGS = 8
@@ -512,8 +514,9 @@ def _measure(name: str, table: Table, reference: Reference, function: Function) 
         where=dict(zip(grid.names, worst.tolist(), strict=True)),
         verified=verified,
         places=count,
+        map=_map(bound).tolist(),
     )
-    return Channel(name, table, errors, _by_cell(bound, within, start))
+    return Channel(name, table, errors)
 
 
 def _overshoot(off: np.ndarray, axis: int, within: int, start: int) -> float:
@@ -535,16 +538,22 @@ def _weights(fine: Grid, places: np.ndarray) -> np.ndarray:
     return found / found.sum()
 
 
-def _by_cell(bound: np.ndarray, within: int, start: int) -> np.ndarray:
-    """The largest bound in every cell, both of its ends included."""
+def _map(bound: np.ndarray) -> np.ndarray:
+    """The largest bound over equal shares of each axis, with three digits."""
+    blocks = _BLOCKS[bound.ndim]
     for axis, count in enumerate(bound.shape):
-        edges = sorted({0, *range(start, count, within), count - 1})
+        # What lies on the edge of two shares counts for both.
+        edges = (count - 1) * np.arange(blocks + 1) / blocks
         parts = [
-            np.take(bound, range(low, high + 1), axis=axis).max(axis=axis)
-            for low, high in itertools.pairwise(edges)
+            np.take(bound, range(math.floor(low), math.ceil(high) + 1), axis=axis).max(axis=axis)
+            for low, high in itertools.pairwise(edges.tolist())
         ]
         bound = np.stack(parts, axis=axis)
-    return bound
+    digit = 10.0 ** (np.floor(np.log10(np.maximum(bound, 1e-300))) - 2.0)
+    # Up: a bound is not rounded down.
+    return np.array([float(f"{x:.3g}") for x in (np.ceil(bound / digit) * digit).ravel()]).reshape(
+        bound.shape
+    )
 
 
 def _verified(

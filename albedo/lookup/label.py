@@ -45,6 +45,8 @@ class Errors:
         The largest error at fresh places, by quadrature; its bound included.
     places : int
         How many these were.
+    map : nested list of float
+        `largest` over equal shares of the warped domain, an axis for each of the table's.
     """
 
     largest: float
@@ -54,6 +56,7 @@ class Errors:
     where: dict[str, float]
     verified: float
     places: int
+    map: list[Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,15 +68,11 @@ class Channel:
     name : str
     table : Table
     errors : Errors
-    cells : ndarray
-        The largest error in every cell between nodes, shape (points - 1, ...); with texels at
-        their middles also of the cells at the rim, shape (points + 1, ...).
     """
 
     name: str
     table: Table
     errors: Errors
-    cells: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,17 +158,20 @@ class LookupTable:
         return found[0] if len(found) == 1 else np.array(found)
 
     def bound(self, **coordinates: ArrayLike) -> np.ndarray:
-        """What the table errs by in the cells that hold some places, in the shape of a reading."""
+        """What the table errs by in the shares of the domain that hold some places.
+
+        In the shape of a reading.
+        """
         x, shape = self._places(coordinates)
-        grid = self.grid
-        steps = grid.steps(x)
+        shares = self.grid.share_of(x)
         found = []
         for channel in self.channels:
+            errors = np.array(channel.errors.map)
             index = tuple(
-                np.clip(np.floor(t).astype(int) + (grid.texels == "centres"), 0, n - 1)
-                for t, n in zip(steps, channel.cells.shape, strict=True)
+                np.clip((share * n).astype(int), 0, n - 1)
+                for share, n in zip(shares, errors.shape, strict=True)
             )
-            found.append(channel.cells[index].reshape(shape))
+            found.append(errors[index].reshape(shape))
         return found[0] if len(found) == 1 else np.array(found)
 
     def _places(self, coordinates: Mapping[str, ArrayLike]) -> tuple[np.ndarray, tuple[int, ...]]:
@@ -223,13 +225,12 @@ class LookupTable:
 
     @cached_property
     def sha256(self) -> str:
-        """Digest of the label, of the stored numbers, and of the errors of the cells."""
+        """Digest of the label and of the stored numbers."""
         text = json.dumps(self.label, sort_keys=True, separators=(",", ":"), allow_nan=False)
         found = hashlib.sha256(text.encode())
         for channel in self.channels:
             data = channel.table.data
             found.update(data.astype(data.dtype.newbyteorder("<")).tobytes())
-            found.update(channel.cells.astype("<f8").tobytes())
         return found.hexdigest()
 
     def __str__(self) -> str:

@@ -301,18 +301,15 @@ class Grid:
         found = own.inverse(low + share * (high - low), other)
         return np.clip(found, min(ends), max(ends))
 
-    def steps(self, x: np.ndarray) -> np.ndarray:
-        """Where coordinates, shape (axes, n), lie along the axes, in steps from the first node."""
+    def share_of(self, x: np.ndarray) -> np.ndarray:
+        """Where coordinates, shape (axes, n), lie along the warped axes, from 0 to 1."""
         found = np.empty(x.shape)
-        for axis, (text, ends, count) in enumerate(
-            zip(self.warps, self.ends, self.counts, strict=True)
-        ):
+        for axis, (text, ends) in enumerate(zip(self.warps, self.ends, strict=True)):
             own = Warp.parse(text)
             other = x[self.names.index(own.by)] if own.by else 1.0
             first, last = own(min(ends), other), own(max(ends), other)
             low, high = np.minimum(first, last), np.maximum(first, last)
-            share = (own(x[axis], other) - low) / (high - low)
-            found[axis] = share * (count - 1) if self.texels == "ends" else share * count - 0.5
+            found[axis] = (own(x[axis], other) - low) / (high - low)
         return found
 
     def numbers(self, steps: float | None = None) -> np.ndarray:
