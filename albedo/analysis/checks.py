@@ -63,27 +63,20 @@ class Check:
 
 
 @dataclass(frozen=True)
-class Category:
-    """Draws that are counted together.
+class Cell:
+    """A cell of the hemisphere, and the draws in it.
 
     Attributes
     ----------
-    kind : {"cell", "rest", "lost"}
-        Those in one cell of the hemisphere, those in cells that expect too few, or those below the
-        horizon and in Dirac parts.
     box : tuple of float
-        Of a cell: from and to which azimuth in radians, from and to which 1 - z.
+        From and to which azimuth in radians, from and to which 1 - z.
     expected, seen : float
         How many the density leaves, and how many there are.
-    bound : float
-        Of the integral of the density, in draws.
     """
 
-    kind: str
     box: tuple[float, float, float, float]
     expected: float
     seen: float
-    bound: float
 
 
 @dataclass(frozen=True)
@@ -105,8 +98,8 @@ class ChiSquare:
         `LOOSE`, nothing is known of the draws, and the test fails.
     draws, lost : int
         How many were counted, and how many of them below the horizon or in a Dirac part.
-    worst : Category
-        The one that adds most to the statistic.
+    worst : Cell
+        Of what adds most to the statistic, the cell that is furthest off.
     """
 
     statistic: float
@@ -118,7 +111,7 @@ class ChiSquare:
     bound: float
     draws: int
     lost: int
-    worst: Category
+    worst: Cell
 
     @property
     def passed(self) -> bool:
@@ -303,51 +296,41 @@ def compare(
     undensified = int(np.count_nonzero(~(values > 0.0)))
     cells = _halve(_place(first), _place(above))
     value, bound = _integrals(density, wi, cells.box)
-    lost = len(draws) - len(above)
-    categories = _categories(cells, value, bound, len(draws), lost, fewest)
-    expected, seen, error = (
-        np.array([getattr(one, name) for one in categories])
-        for name in ("expected", "seen", "bound")
-    )
+    lost, count = len(draws) - len(above), len(cells.seen)
+    expected = np.bincount(cells.cell, weights=value, minlength=count) * len(draws)
+    error = np.bincount(cells.cell, weights=bound, minlength=count) * len(draws)
+    # What no cell is expected to hold lies below the horizon, or is a Dirac part.
+    expected = np.append(expected, max(len(draws) - expected.sum(), 0.0))
+    seen, error = np.append(cells.seen, lost), np.append(error, error.sum())
+    category = _merged(expected, fewest)
+    together, counted, granted = (np.bincount(category, weights=a) for a in (expected, seen, error))
     # What the integrals may be off by is not held against the draws.
-    off = np.maximum(np.abs(seen - expected) - error, 0.0)
-    terms = off**2 / np.maximum(expected, 1e-300)
-    statistic = float(np.sum(terms))
-    degrees = max(len(expected) - 1, 1)
+    off = np.maximum(np.abs(counted - together) - granted, 0.0)
+    terms = off**2 / np.maximum(together, 1e-300)
+    statistic, degrees = float(np.sum(terms)), max(len(terms) - 1, 1)
     # A density that integrates to more than 1 leaves less than nothing below.
     whole, uncertain = float(value.sum()), float(bound.sum())
     excess = whole - 1.0 > uncertain + 1e-9
     p = 0.0 if excess else float(stats.chi2.sf(statistic, degrees))
-    worst = categories[int(np.argmax(terms))]
+    # Of cells that are counted together the one with the most draws too many or too few.
+    rank = np.lexsort((np.abs(seen - expected)[:count], terms[category[:count]]))
+    k = int(rank[-1])
+    worst = Cell(tuple(cells.place[k].tolist()), float(expected[k]), float(seen[k]))
     return ChiSquare(
         *(statistic, p, degrees, level, undensified, whole, uncertain),
         *(len(draws), lost, worst),
     )
 
 
-def _categories(
-    cells: _Cells, value: np.ndarray, bound: np.ndarray, draws: int, lost: int, fewest: float
-) -> list[Category]:
-    """Cells with what they expect; the rarest are merged until each expects enough."""
-    count = len(cells.seen)
-    expected = np.bincount(cells.cell, weights=value, minlength=count) * draws
-    error = np.bincount(cells.cell, weights=bound, minlength=count) * draws
-    # What no cell is expected to hold lies below the horizon, or is a Dirac part.
-    expected = np.append(expected, max(draws - expected.sum(), 0.0))
-    seen, error = np.append(cells.seen, lost), np.append(error, error.sum())
+def _merged(expected: np.ndarray, fewest: float) -> np.ndarray:
+    """Which category each is counted in: the rarest are merged until each expects enough."""
     rank = np.argsort(-expected)
     many = int(np.count_nonzero(expected >= fewest))
     if many < len(rank) and expected[rank[many:]].sum() < fewest and many > 0:
         many -= 1
-    everywhere = (0.0, 2.0 * math.pi, 0.0, 1.0)
-    found = []
-    for k in rank[:many].tolist():
-        kind, box = ("cell", tuple(cells.place[k].tolist())) if k < count else ("lost", everywhere)
-        found.append(Category(kind, box, float(expected[k]), float(seen[k]), float(error[k])))
-    if many < len(rank):
-        rest = (float(a[rank[many:]].sum()) for a in (expected, seen, error))
-        found.append(Category("rest", everywhere, *rest))
-    return found
+    category = np.empty(len(rank), dtype=int)
+    category[rank] = np.minimum(np.arange(len(rank)), many)
+    return category
 
 
 def _integrals(density: Density, wi: np.ndarray, box: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

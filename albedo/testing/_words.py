@@ -9,7 +9,8 @@ import numpy as np
 
 def direction(name: str, w: np.ndarray) -> str:
     """A direction as unit vector and in degrees."""
-    x, y, z = (float(component) for component in w)
+    # A negative zero would be printed, and turn the azimuth.
+    x, y, z = (float(component) + 0.0 for component in w)
     theta = math.degrees(math.atan2(math.hypot(x, y), z))
     phi = math.degrees(math.atan2(y, x)) % 360.0
     # Cosines tell grazing angles apart, degrees do not.
