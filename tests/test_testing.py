@@ -30,6 +30,7 @@ from albedo.testing import (
     assert_sampler_matches_pdf,
     assert_white_furnace,
 )
+from albedo.testing.sampling import _FEWEST, _TAIL
 
 Array = np.ndarray
 PI = np.pi
@@ -550,11 +551,12 @@ def test_the_worst_cell_is_named_by_its_directions() -> None:
         other = unit(cosine_sample(wi, 1e4 * u % 1.0) * (spread, spread, 1.0))
         return np.where((wo @ hole > np.cos(np.radians(10.0)))[:, None], other, wo)
 
-    for spread in (0.0, 0.1):
+    # An atom is the worst, and next to what is spread out the hole is.
+    for spread, where, within in ((0.0, np.array([0.0, 0.0, 1.0]), 0.01), (0.1, hole, 15.0)):
         wrong = partial(sample, spread=spread)
         said = message(assert_sampler_matches_pdf, wrong, cosine_pdf, cos_theta=0.9)
         wo = [float(x) for x in re.findall(r"wo = \((.*?)\)", said)[0].split(", ")]
-        assert wo[2] > 0.95
+        assert np.dot(wo, where) > np.cos(np.radians(within))
 
 
 def test_the_share_above_the_horizon_is_tested_apart() -> None:
@@ -734,6 +736,24 @@ def test_the_p_values_of_correct_routines_are_even() -> None:
         found.append(compare(pilot, draws, cosine_pdf, wi, level=0.5, fewest=100.0).p_value)
     # Kolmogorov and Smirnov's test at a level of 1e-3.
     assert stats.kstest(found, "uniform").pvalue > 1e-3
+
+
+@pytest.mark.parametrize("cells", [1, 2, 5, 20])
+@pytest.mark.parametrize("p", [1e-9, 1e-11])
+def test_far_out_the_statistic_exceeds_its_limit_by_less_than_is_granted(
+    cells: int, p: float
+) -> None:
+    """The exact distribution of Pearson's statistic of Poisson counts with the fewest draws."""
+    top = stats.chi2.isf(p, cells)
+    size = 2**18
+    step = 4.0 * top / size
+    seen = np.arange(1000)
+    terms = np.floor((seen - _FEWEST) ** 2 / _FEWEST / step).astype(int)
+    # What lies beyond the grid is at its end, and what is rounded down counts as too large.
+    one = np.bincount(np.minimum(terms + 1, size - 1), stats.poisson.pmf(seen, _FEWEST), size)
+    spectrum = np.fft.rfft(one, 2 * cells * size)
+    tail = np.fft.irfft(spectrum**cells)[int(top / step) :].sum()
+    assert p < tail < p / _TAIL
 
 
 def test_same_seed_same_verdict() -> None:
