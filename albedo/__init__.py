@@ -38,6 +38,7 @@ _HOME = {
 }
 
 if TYPE_CHECKING:
+    from albedo import testing
     from albedo.advice.search import advise
     from albedo.averages import average_albedo
     from albedo.brdf import Model
@@ -73,6 +74,7 @@ __all__ = [
     "normalize",
     "pump",
     "table",
+    "testing",
 ]
 
 
@@ -81,8 +83,10 @@ def __getattr__(name: str) -> Any:
         value = getattr(import_module(_HOME[name]), name)
         globals()[name] = value
         return value
+    if name == "testing":
+        return import_module("albedo.testing")
     raise AttributeError(f"module 'albedo' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *_HOME])
+    return sorted([*globals(), *_HOME, "testing"])

@@ -15,7 +15,7 @@ from albedo._compile import kernel
 from albedo.errors import InputError
 
 # A unit vector rounded to float32 is off by 6e-8 in length.
-_UNIT_TOLERANCE = 1e-6
+UNIT_TOLERANCE = 1e-6
 
 
 def real_array(values: ArrayLike, name: str) -> np.ndarray:
@@ -47,7 +47,7 @@ def unit_vectors(values: ArrayLike, name: str) -> np.ndarray:
     if array.ndim == 0 or array.shape[-1] != 3:
         raise InputError(f"{name} has shape {array.shape}; directions have shape (..., 3)")
     length = np.linalg.norm(array, axis=-1)
-    wrong = np.abs(length - 1.0) > _UNIT_TOLERANCE
+    wrong = np.abs(length - 1.0) > UNIT_TOLERANCE
     if np.any(wrong):
         raise InputError(
             f"{name} contains a vector of length {length[wrong].flat[0]:.9g}; "

@@ -63,6 +63,23 @@ class Check:
 
 
 @dataclass(frozen=True)
+class Cell:
+    """A cell of the hemisphere, and the draws in it.
+
+    Attributes
+    ----------
+    box : tuple of float
+        From and to which azimuth in radians, from and to which 1 - z.
+    expected, seen : float
+        How many the density leaves, and how many there are.
+    """
+
+    box: tuple[float, float, float, float]
+    expected: float
+    seen: float
+
+
+@dataclass(frozen=True)
 class ChiSquare:
     """Pearson's test of draws against a density.
 
@@ -79,6 +96,10 @@ class ChiSquare:
     above, bound : float
         Integral of the density over the upper hemisphere, and its bound: where that is more than
         `LOOSE`, nothing is known of the draws, and the test fails.
+    draws, lost : int
+        How many were counted, and how many of them below the horizon or in a Dirac part.
+    worst : Cell
+        Of what adds most to the statistic, the cell that is furthest off.
     """
 
     statistic: float
@@ -88,6 +109,9 @@ class ChiSquare:
     undensified: int
     above: float
     bound: float
+    draws: int
+    lost: int
+    worst: Cell
 
     @property
     def passed(self) -> bool:
@@ -153,6 +177,7 @@ class _Cells:
     box: np.ndarray
     cell: np.ndarray
     seen: np.ndarray
+    place: np.ndarray
 
 
 def _halve(pilot: np.ndarray, points: np.ndarray) -> _Cells:
@@ -168,11 +193,13 @@ def _halve(pilot: np.ndarray, points: np.ndarray) -> _Cells:
     boxes: list[np.ndarray] = []
     cells: list[int] = []
     seen: list[int] = []
+    places: list[np.ndarray] = []
     while todo:
         box, inside, counted, depth, cell = todo.pop()
         if cell < 0 and (len(inside) <= _PER_CELL or depth >= _DEEPEST):
             cell = len(seen)
             seen.append(len(counted))
+            places.append(box)
         if cell >= 0 and (len(inside) <= _PER_BOX or depth >= _DEEPEST):
             boxes.append(box)
             cells.append(cell)
@@ -184,7 +211,9 @@ def _halve(pilot: np.ndarray, points: np.ndarray) -> _Cells:
         left, below = inside[:, axis] < middle, counted[:, axis] < middle
         todo.append((low, inside[left], counted[below], depth + 1, cell))
         todo.append((high, inside[~left], counted[~below], depth + 1, cell))
-    return _Cells(np.array(boxes), np.array(cells), np.array(seen, dtype=float))
+    return _Cells(
+        *(np.array(boxes), np.array(cells), np.array(seen, dtype=float), np.array(places))
+    )
 
 
 def chi_square(
@@ -224,43 +253,84 @@ def chi_square(
         merged; draws below the horizon and Dirac parts are a category, and its expectation is what
         the density leaves: an integral that is not the share of the others fails as well.
     """
-    from scipy import stats
-
     wi = spherical(cos_theta, phi)
     rng = np.random.default_rng(seed)
     first, second = (np.asarray(draw(rng.random((n, 2)), wi)) for n in (samples // 4, samples))
+    return compare(first, second, density, wi, level=level / tests)
+
+
+def compare(
+    pilot: np.ndarray,
+    draws: np.ndarray,
+    density: Density,
+    wi: np.ndarray,
+    *,
+    level: float,
+    fewest: float = _FEWEST,
+) -> ChiSquare:
+    """Test directions that were drawn against the density that they are said to have.
+
+    Parameters
+    ----------
+    pilot, draws : ndarray, shape (n, 3)
+        Independent draws: of the pilot, which lays out the cells, and those that are counted. NaN
+        where a draw is a Dirac part.
+    density : callable
+        ``density(wi, wo)`` in 1/sr, for wi (3,) and wo (n, 3).
+    wi : ndarray, shape (3,)
+    level : float
+        The p-value below which the test fails.
+    fewest : float
+        Cells that expect fewer draws are merged.
+
+    Returns
+    -------
+    ChiSquare
+        See `chi_square`.
+    """
+    from scipy import stats
+
     # Comparisons with NaN are false: Dirac parts are not above.
-    first, above = first[first[:, 2] > 0.0], second[second[:, 2] > 0.0]
+    first, above = pilot[pilot[:, 2] > 0.0], draws[draws[:, 2] > 0.0]
     values = np.asarray(density(wi, above)) if len(above) else np.zeros(0)
     undensified = int(np.count_nonzero(~(values > 0.0)))
     cells = _halve(_place(first), _place(above))
     value, bound = _integrals(density, wi, cells.box)
-    count = len(cells.seen)
-    expected = np.bincount(cells.cell, weights=value, minlength=count) * len(second)
-    error = np.bincount(cells.cell, weights=bound, minlength=count) * len(second)
-    seen, whole = cells.seen, float(value.sum())
+    lost, count = len(draws) - len(above), len(cells.seen)
+    expected = np.bincount(cells.cell, weights=value, minlength=count) * len(draws)
+    error = np.bincount(cells.cell, weights=bound, minlength=count) * len(draws)
     # What no cell is expected to hold lies below the horizon, or is a Dirac part.
-    expected = np.append(expected, max(len(second) - expected.sum(), 0.0))
-    seen, error = np.append(seen, len(second) - len(above)), np.append(error, error.sum())
-    # The rarest are merged until each of what remains expects enough.
-    rank = np.argsort(-expected)
-    expected, seen, error = expected[rank], seen[rank], error[rank]
-    many = int(np.count_nonzero(expected >= _FEWEST))
-    if many < len(expected):
-        if expected[many:].sum() < _FEWEST and many > 0:
-            many -= 1
-        expected, seen, error = (
-            np.append(a[:many], a[many:].sum()) for a in (expected, seen, error)
-        )
+    expected = np.append(expected, max(len(draws) - expected.sum(), 0.0))
+    seen, error = np.append(cells.seen, lost), np.append(error, error.sum())
+    category = _merged(expected, fewest)
+    together, counted, granted = (np.bincount(category, weights=a) for a in (expected, seen, error))
     # What the integrals may be off by is not held against the draws.
-    off = np.maximum(np.abs(seen - expected) - error, 0.0)
-    statistic = float(np.sum(off**2 / np.maximum(expected, 1e-300)))
-    degrees = max(len(expected) - 1, 1)
+    off = np.maximum(np.abs(counted - together) - granted, 0.0)
+    terms = off**2 / np.maximum(together, 1e-300)
+    statistic, degrees = float(np.sum(terms)), max(len(terms) - 1, 1)
     # A density that integrates to more than 1 leaves less than nothing below.
-    excess = whole - 1.0 > float(bound.sum()) + 1e-9
+    whole, uncertain = float(value.sum()), float(bound.sum())
+    excess = whole - 1.0 > uncertain + 1e-9
     p = 0.0 if excess else float(stats.chi2.sf(statistic, degrees))
-    uncertain = float(bound.sum())
-    return ChiSquare(statistic, p, degrees, level / tests, undensified, whole, uncertain)
+    # Of cells that are counted together the one with the most draws too many or too few.
+    rank = np.lexsort((np.abs(seen - expected)[:count], terms[category[:count]]))
+    k = int(rank[-1])
+    worst = Cell(tuple(cells.place[k].tolist()), float(expected[k]), float(seen[k]))
+    return ChiSquare(
+        *(statistic, p, degrees, level, undensified, whole, uncertain),
+        *(len(draws), lost, worst),
+    )
+
+
+def _merged(expected: np.ndarray, fewest: float) -> np.ndarray:
+    """Which category each is counted in: the rarest are merged until each expects enough."""
+    rank = np.argsort(-expected)
+    many = int(np.count_nonzero(expected >= fewest))
+    if many < len(rank) and expected[rank[many:]].sum() < fewest and many > 0:
+        many -= 1
+    category = np.empty(len(rank), dtype=int)
+    category[rank] = np.minimum(np.arange(len(rank)), many)
+    return category
 
 
 def _integrals(density: Density, wi: np.ndarray, box: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
