@@ -27,6 +27,10 @@ _HOME = {
     "table": "albedo.tables",
     "compensate": "albedo.operators.compensate",
     "couple": "albedo.operators.couple",
+    "design": "albedo.lookup.design",
+    "load_lookup": "albedo.lookup.formats",
+    "LookupTable": "albedo.lookup.label",
+    "save_lookup": "albedo.lookup.formats",
     "normalize": "albedo.operators.normalize",
     "pump": "albedo.operators.pump",
     "Estimate": "albedo.estimate",
@@ -46,6 +50,9 @@ if TYPE_CHECKING:
     from albedo.errors import CacheWarning, ConvergenceWarning, DivergenceError, InputError
     from albedo.estimate import Estimate
     from albedo.integrators.monte_carlo import MonteCarloEstimate, monte_carlo_albedo
+    from albedo.lookup.design import design
+    from albedo.lookup.formats import load_lookup, save_lookup
+    from albedo.lookup.label import LookupTable
     from albedo.operators.compensate import compensate
     from albedo.operators.couple import couple
     from albedo.operators.normalize import normalize
@@ -60,19 +67,23 @@ __all__ = [
     "DivergenceError",
     "Estimate",
     "InputError",
+    "LookupTable",
     "Model",
     "MonteCarloEstimate",
     "advise",
     "average_albedo",
     "compensate",
     "couple",
+    "design",
     "directional_albedo",
+    "load_lookup",
     "model",
     "model_from",
     "models",
     "monte_carlo_albedo",
     "normalize",
     "pump",
+    "save_lookup",
     "table",
     "testing",
 ]

@@ -387,6 +387,41 @@ def _parse_one(text: str) -> ModelSpec:
     return ModelSpec(name, fixed, sweep)
 
 
+def parse_ranges(text: str) -> tuple[Model, dict[str, tuple[float, float]]]:
+    """Read one model whose sweeps say between which numbers parameters vary.
+
+    Parameters
+    ----------
+    text : str
+        Such as ``ward:m=0.1..0.5/2``, or a sum of models that sweeps nothing.
+
+    Returns
+    -------
+    model : Model
+        With the smallest of the numbers.
+    ends : dict of str to (float, float)
+
+    Raises
+    ------
+    InputError
+        For sweeps over words, and in sums.
+    """
+    import numpy as np
+
+    spec = parse(text)
+    if not isinstance(spec, ModelSpec):
+        if spec.count > 1:
+            raise InputError("a sum of models has its numbers fixed here; sweep none")
+        return spec.model(), {}
+    ends: dict[str, tuple[float, float]] = {}
+    for name, values in spec.sweep.items():
+        if not isinstance(values, np.ndarray):
+            raise InputError(f"{name} is swept over words; ask for one of them at a time")
+        ends[name] = float(values.min()), float(values.max())
+    low = {name: pair[0] for name, pair in ends.items()}
+    return ModelSpec(spec.name, {**spec.fixed, **low}).model(), ends
+
+
 def parse_numbers(text: str, what: str) -> np.ndarray:
     """Read a list of numbers and ranges, such as ``1,0.5,1e-3`` or ``0.01..1/32``.
 

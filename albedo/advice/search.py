@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-
 import albedo
 from albedo.advice import prices as priced
 from albedo.advice.prices import Prices
@@ -17,7 +15,7 @@ from albedo.advice.scene import LIGHTS, SEEN, Axis, Scene
 from albedo.advice.ways import AlbedoWays, Places, RadianceWays, Variant, Way, variants
 from albedo.brdf import Alias, Model, Real
 from albedo.errors import InputError
-from albedo.grammar import ModelSpec, parse
+from albedo.grammar import parse_ranges
 from albedo.lookup.stored import Polynomial, Table
 
 PILOT, FRESH = 0, 1
@@ -287,7 +285,7 @@ def _scene(
 ) -> Scene:
     ranges = dict(over)
     if isinstance(model, str):
-        model, swept = _parsed(model)
+        model, swept = parse_ranges(model)
         for name in swept.keys() & ranges.keys():
             raise InputError(f"{name} is swept, and given in over; give one of them")
         ranges = swept | ranges
@@ -319,22 +317,6 @@ def _scene(
             f"{model.spec} has nothing but Dirac parts, which have no radiance that could be wrong"
         )
     return Scene(model, axes, (small, large), light, radius, of, rtol, atol)
-
-
-def _parsed(text: str) -> tuple[Model, dict[str, tuple[float, float]]]:
-    """A model of the grammar, and the ends of its sweeps."""
-    spec = parse(text)
-    if not isinstance(spec, ModelSpec):
-        if spec.count > 1:
-            raise InputError("a sum of models is advised on with its numbers fixed; sweep none")
-        return spec.model(), {}
-    ends: dict[str, tuple[float, float]] = {}
-    for name, values in spec.sweep.items():
-        if not isinstance(values, np.ndarray):
-            raise InputError(f"{name} is swept over words; ask for one of them at a time")
-        ends[name] = float(values.min()), float(values.max())
-    low = {name: pair[0] for name, pair in ends.items()}
-    return ModelSpec(spec.name, {**spec.fixed, **low}).model(), ends
 
 
 def _pair(name: str, value: Any) -> tuple[float, float]:

@@ -10,7 +10,16 @@ from albedo.cli.app import INTERRUPTED, app
 __all__ = ["app", "main"]
 
 # In the order of the help.
-for _subject in ("models", "albedos", "operators", "stability", "costs", "checks", "studies"):
+for _subject in (
+    "models",
+    "albedos",
+    "operators",
+    "stability",
+    "costs",
+    "lookups",
+    "checks",
+    "studies",
+):
     import_module(f"{__name__}.{_subject}")
 
 

@@ -54,6 +54,13 @@ def study_progress(what: str) -> Iterator[Callable[[int, int, str], None]]:
 
 
 @contextmanager
+def stages(what: str) -> Iterator[Callable[[str], None]]:
+    """Show the stage that some work is in."""
+    with _bar(what, None) as update:
+        yield lambda words: update(description=f"{what}: {words}")
+
+
+@contextmanager
 def _bar(what: str, total: int | None, visible: bool = True) -> Iterator[Callable[..., None]]:
     """Yield what updates a bar, below which tables of albedos have bars of their own."""
     if not sys.stderr.isatty():

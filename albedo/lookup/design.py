@@ -113,7 +113,7 @@ class Wish:
 
 
 def design(
-    model: Model,
+    model: Model | str,
     ranges: Mapping[str, tuple[float, float]] | None = None,
     error: float | None = None,
     *,
@@ -133,8 +133,9 @@ def design(
 
     Parameters
     ----------
-    model : Model
-        Without channels.
+    model : Model or str
+        With one channel; or its name and parameters in the grammar, where a sweep says between
+        which numbers a parameter varies.
     ranges : mapping of str to (float, float), optional
         Parameters that are axes of the table, and between which numbers.
     error : float, optional
@@ -178,18 +179,24 @@ def design(
     Examples
     --------
     >>> import albedo
-    >>> table = albedo.design(albedo.model("phong"), {"n": (1, 100)}, 1e-2)
+    >>> table = albedo.design("phong:n=1..100/2", error=1e-2)
     >>> bool(table.worst <= 1e-2)
     True
     """
+    ranges = dict(ranges or {})
+    if isinstance(model, str):
+        from albedo.grammar import parse_ranges
+
+        model, swept = parse_ranges(model)
+        ranges = swept | ranges
     if not isinstance(model, Model):
-        raise InputError(f"design needs a model, not {type(model).__name__}")
+        raise InputError(f"design needs a model or its name, not {type(model).__name__}")
     if model.channels is not None:
         raise InputError(
             f"{model.spec} has {model.channels} channels; design a table of one, model.channel(i)"
         )
     what = quantity_of(quantity)
-    coordinates = coordinates_of(model, ranges or {}, what, cosines)
+    coordinates = coordinates_of(model, ranges, what, cosines)
     counts = None if size is None else tuple(size)
     wish = Wish(error, metric, interp, dtype, counts, warps, max_bytes, texels)
     wish.check(len(coordinates))

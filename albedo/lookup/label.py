@@ -23,6 +23,11 @@ FORMAT = "albedo lookup table 1"
 """What the label of every file begins with."""
 
 
+def digest_of(points: np.ndarray) -> str:
+    """Digest of coordinates: elsewhere they may be rounded another way, and are not made again."""
+    return hashlib.sha256(points.astype("<f8").tobytes()).hexdigest()
+
+
 @dataclass(frozen=True)
 class Errors:
     """What one channel of a table errs by, from end to end.
@@ -114,6 +119,7 @@ class LookupTable:
             "fixed": fixed,
             "metric": metric,
             "asked": asked,
+            "coordinates": digest_of(channels[0].table.grid.points()),
             "source": f"albedo-workbench {albedo.__version__}",
         }
         return cls(tuple(channels), strict(about))

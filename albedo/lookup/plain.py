@@ -42,7 +42,7 @@ DTYPES: dict[str, np.dtype[Any]] = {
 
 _ABOUT = (
     *("title", "quantity", "meaning", "model", "name", "parameters", "equation", "references"),
-    *("fixed", "metric", "asked", "source"),
+    *("fixed", "metric", "asked", "coordinates", "source"),
 )
 
 

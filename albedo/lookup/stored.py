@@ -267,8 +267,15 @@ class Grid:
 
     def points(self) -> np.ndarray:
         """Coordinates of all points, shape (axes, points), the last axis running fastest."""
-        lines = [self.shares(count) for count in self.counts]
-        return self.at(np.array([m.ravel() for m in np.meshgrid(*lines, indexing="ij")]))
+        lines = self.nodes()
+        found = np.array([m.ravel() for m in np.meshgrid(*lines, indexing="ij")])
+        if any(Warp.parse(text).by for text in self.warps):
+            shares = [self.shares(count) for count in self.counts]
+            whole = self.at(np.array([m.ravel() for m in np.meshgrid(*shares, indexing="ij")]))
+            for axis, text in enumerate(self.warps):
+                if Warp.parse(text).by:
+                    found[axis] = whole[axis]
+        return found
 
     def shares(self, count: int) -> np.ndarray:
         """Where points lie along a warped axis, from 0 at its beginning to 1 at its end."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from albedo.errors import InputError
 from albedo.lookup.formats import Format
-from albedo.lookup.label import LookupTable
+from albedo.lookup.label import LookupTable, digest_of
 from albedo.lookup.plain import expected, from_plain, to_plain
 
 _MARK = "# label: "
@@ -74,10 +74,9 @@ def load(path: Path) -> LookupTable:
     except (ValueError, OverflowError) as error:
         raise InputError(f"its rows have what is no number: {error}") from None
     table = from_plain(text, arrays)
-    if tuple(frame.columns[: -len(names)]) != table.grid.names or not np.array_equal(
-        coordinates, table.grid.points()
-    ):
-        raise InputError("its coordinates are not those that its label tells")
+    same = digest_of(coordinates) == table.about["coordinates"]
+    if not same or tuple(frame.columns[: -len(names)]) != table.grid.names:
+        raise InputError("its coordinates are not those that were written")
     return table
 
 
