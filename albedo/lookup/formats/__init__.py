@@ -21,6 +21,9 @@ from albedo.lookup.label import LookupTable
 from albedo.lookup.plain import MOST_BYTES
 from albedo.lookup.stored import STORED
 
+# Characters of a reason.
+_SAID = 400
+
 
 @dataclass(frozen=True)
 class Format:
@@ -159,7 +162,9 @@ def load_lookup(path: str | os.PathLike[str]) -> LookupTable:
     try:
         return own.load(target)
     except InputError as error:
-        raise InputError(f"'{target}' is not read: {error}") from None
+        # What libraries say may have several lines.
+        said = " ".join(str(error).split())[:_SAID]
+        raise InputError(f"'{target}' is not read: {said}") from None
 
 
 def _readable() -> str:

@@ -45,7 +45,9 @@ def load(path: Path) -> LookupTable:
     for name in wanted.names:
         try:
             found = np.array(data[name])
-            exact = found.astype(wanted.dtype)
+            # What is too large for its precision becomes infinite, and is refused.
+            with np.errstate(over="ignore"):
+                exact = found.astype(wanted.dtype)
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise InputError(f"it has no numbers of the channel {name!r}: {error}") from None
         if wanted.dtype.kind == "u" and (

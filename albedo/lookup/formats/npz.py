@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tokenize
 import zipfile
 import zlib
 from pathlib import Path
@@ -40,7 +41,7 @@ def load(path: Path) -> LookupTable:
         raise
     except (zipfile.BadZipFile, zlib.error, ValueError, OSError, EOFError) as error:
         raise InputError(f"it is no archive of arrays: {error}") from None
-    except (KeyError, NotImplementedError, RuntimeError) as error:
+    except (KeyError, NotImplementedError, RuntimeError, SyntaxError, tokenize.TokenError) as error:
         raise InputError(f"it is not an archive of a table: {error}") from None
 
 
