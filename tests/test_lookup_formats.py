@@ -217,6 +217,24 @@ def test_netcdf_is_read_by_xarray(tmp_path: Path) -> None:
         assert found.attrs["model"] == "nothing:m=0.5"
 
 
+@pytest.mark.parametrize(("stored", "quantity"), [("float32", "albedo"), ("float16", "split_sum")])
+def test_openexr_is_read_by_another_library(stored: str, quantity: str, tmp_path: Path) -> None:
+    """Pixels to the last bit, in rows of the first axis, and the label in the header."""
+    oiio = pytest.importorskip("OpenImageIO")
+    table = lookup_table(stored=stored, quantity=quantity)
+    picture = oiio.ImageInput.open(str(save_lookup(table, tmp_path / "t.exr")))
+    spec = picture.spec()
+    pixels = picture.read_image(format="float")
+    picture.close()
+    assert (spec.height, spec.width) == table.grid.counts
+    assert str(spec.format) == {"float32": "float", "float16": "half"}[stored]
+    assert list(spec.channelnames) == (["Y"] if quantity == "albedo" else ["R", "G"])
+    for k, channel in enumerate(table.channels):
+        found = pixels.reshape(spec.height, spec.width, -1)[:, :, k]
+        np.testing.assert_array_equal(found.astype(float), channel.table.values)
+    assert json.loads(spec["label"])["sha256"] == table.sha256
+
+
 def test_archives_run_nothing_and_do_not_burst(tmp_path: Path) -> None:
     path = tmp_path / "table.npz"
     text = json.dumps({**lookup_table().label, "sha256": lookup_table().sha256})
