@@ -33,6 +33,7 @@ __all__ = [
     "color",
     "draw",
     "draw_radiance",
+    "error_maps",
     "grazing_grid",
     "measure",
     "new_figure",
@@ -463,6 +464,62 @@ def draw_radiance(profiles: Sequence[tuple[str, np.ndarray, Estimate]], title: s
         axes.set_ylabel("output radiance (1/sr)")
         add_legend(figure, axes)
     return figure
+
+
+def error_maps(
+    maps: Sequence[np.ndarray],
+    titles: Sequence[str],
+    rows: str,
+    columns: str,
+    path: str | os.PathLike[str],
+) -> Path:
+    """Draw errors over the texels of a table, two maps in a row, and save them.
+
+    Parameters
+    ----------
+    maps : sequence of ndarray
+        Errors over rows and columns, or over columns alone.
+    titles : sequence of str
+        One for each.
+    rows, columns : str
+        What the axes are; without rows, errors are drawn as lines.
+    path : path
+        Where; its ending says the format.
+
+    Returns
+    -------
+    Path
+        The file.
+    """
+    import numpy as np
+
+    down = -(-len(maps) // 2)
+    with style():
+        figure, _ = new_figure(0, 9.0, 3.6 * down)
+        grid = figure.subplots(down, 2, squeeze=False)
+        for axes, own, title in zip(grid.ravel(), maps, titles, strict=True):
+            axes.set_title(title, fontsize="medium")
+            axes.set_xlabel(f"column ({columns})")
+            if own.ndim == 1:
+                axes.plot(np.arange(own.size), own, color=_BLUE, marker="o", markersize=3)
+                axes.set_ylabel("error")
+                axes.axhline(0.0, color="0.6", linewidth=0.8)
+                continue
+            signed = bool((own < 0.0).any())
+            top = float(np.abs(own).max()) or 1.0
+            # Both are told apart with any colour vision; only one of them knows a sign.
+            image = axes.imshow(
+                own,
+                cmap="RdBu_r" if signed else "viridis",
+                vmin=-top if signed else 0.0,
+                vmax=top,
+                origin="lower",
+                aspect="auto",
+            )
+            axes.set_ylabel(f"row ({rows})")
+            axes.grid(False)
+            figure.colorbar(image, ax=axes, label="error")
+        return save_figure(figure, path)
 
 
 def add_legend(

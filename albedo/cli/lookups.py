@@ -1,4 +1,4 @@
-"""``albedo design`` and ``export``."""
+"""``albedo design``, ``export`` and ``audit``."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from albedo.cli.app import app
+from albedo.cli.app import NOTHING_FITS, app
 from albedo.cli.options import complete_model
 from albedo.cli.screen import new_table, print_table, stages, warnings_as_lines
 from albedo.errors import InputError
@@ -196,3 +196,103 @@ def export(
 
     found = load_lookup(table)
     typer.echo(f"{save_lookup(found, output, to)}: {_shape(found)}")
+
+
+@app.command()
+def audit(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE",
+            help="A table that was made elsewhere: .npy, .csv, .exr, .png, .dds, or source code.",
+        ),
+    ],
+    model: Annotated[
+        str,
+        typer.Option(
+            help="What it is said to be of: ggx, beckmann, or a model with its parameters.",
+            autocompletion=complete_model,
+        ),
+    ],
+    parameter: Annotated[
+        str | None,
+        typer.Option(
+            help="What varies beside the direction, from 0 to 1.",
+            show_default="m, if it has two axes",
+        ),
+    ] = None,
+    axes: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ROWS,COLUMNS", help="What rows and columns are; both orders unless given."
+        ),
+    ] = None,
+    shape: Annotated[
+        str | None,
+        typer.Option(metavar="NxM", help="Of a flat list; a square unless given."),
+    ] = None,
+    known: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PART=WORD",
+            help="What is known: texels=, cosine=, parameter=, masking= or encoding=.",
+        ),
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(help="Maps of the errors (.png, .svg or .pdf).")
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="All that was found (.json).")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print it as JSON.")] = False,
+) -> None:
+    """Find out what a table that was made elsewhere holds, and what it errs by.
+
+    The usual conventions are tried, of axes, texels, roughness, masking, Fresnel split and
+    encoding; the nearest to certified values is told, with the errors at its nodes and between
+    them. The exit status is 1 where none fits.
+
+    \b
+    Examples:
+      albedo audit brdf_lut.png --model ggx
+      albedo audit ltc.js --model ggx --shape 64x64
+      albedo audit e.npy --model "cook_torrance:distribution=beckmann" --axes cos_theta,m
+    """
+    import json
+
+    from albedo.files import check_output, save_json
+    from albedo.lookup.audit import audit as look
+    from albedo.lookup.audit import plot_audit, said_to_be, shaped
+    from albedo.lookup.foreign import load_array
+
+    if output is not None:
+        check_output(output, (".json",))
+    if plot is not None:
+        check_output(plot, (".png", ".svg", ".pdf"))
+    kind = said_to_be(model)
+    data = shaped(load_array(file), None if shape is None else _size(shape))
+    if parameter is None and data.ndim > 1:
+        parameter = "m"
+    with stages("audit") as say:
+        found = look(
+            data,
+            kind,
+            parameter,
+            axes=None if axes is None else tuple(axes.split(",")),
+            fixed=dict(_pair(word) for word in known or []),
+            progress=say,
+        )
+    if output is not None:
+        typer.echo(f"{save_json(found.record(), output)}: the audit", err=as_json)
+    if plot is not None:
+        typer.echo(f"{plot_audit(found, plot)}: maps of the errors", err=as_json)
+    typer.echo(json.dumps(found.record(), indent=1) if as_json else str(found))
+    if not found.fits:
+        raise typer.Exit(NOTHING_FITS)
+
+
+def _pair(word: str) -> tuple[str, str]:
+    name, equals, value = word.partition("=")
+    if not equals:
+        raise InputError(f"--known {word} is none; write a part and a word, as in texels=ends.")
+    return name, value
