@@ -492,6 +492,8 @@ def error_maps(
         The file.
     """
     import numpy as np
+    from matplotlib.colors import LogNorm, Normalize
+    from matplotlib.ticker import MaxNLocator
 
     down = -(-len(maps) // 2)
     with style():
@@ -508,14 +510,16 @@ def error_maps(
             signed = bool((own < 0.0).any())
             top = float(np.abs(own).max()) or 1.0
             # Both are told apart with any colour vision; only one of them knows a sign.
+            least = float(own[own > 0.0].min(initial=top))
             image = axes.imshow(
                 own,
                 cmap="RdBu_r" if signed else "viridis",
-                vmin=-top if signed else 0.0,
-                vmax=top,
+                norm=Normalize(-top, top) if signed else LogNorm(max(least, 1e-5 * top), top),
                 origin="lower",
                 aspect="auto",
             )
+            for axis in (axes.xaxis, axes.yaxis):
+                axis.set_major_locator(MaxNLocator(6, integer=True))
             axes.set_ylabel(f"row ({rows})")
             axes.grid(False)
             figure.colorbar(image, ax=axes, label="error")

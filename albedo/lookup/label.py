@@ -106,7 +106,11 @@ class LookupTable:
         fixed: str,
     ) -> LookupTable:
         """Label the channels of a table of a model."""
+        info = {p.name: p for p in model.parameter_info()}
         varied = set(channels[0].table.grid.names)
+        for name in tuple(varied):
+            # An alias sets others.
+            varied |= set(getattr(info.get(name), "targets", ()))
         about = {
             "title": f"{quantity.name} of {model.name}",
             "quantity": quantity.name,

@@ -17,6 +17,7 @@ _HOME = {
     "assert_energy_conserving": "albedo.testing.energy",
     "assert_reciprocal": "albedo.testing.reciprocity",
     "assert_sampler_matches_pdf": "albedo.testing.sampling",
+    "assert_table_close": "albedo.testing.tables",
     "assert_white_furnace": "albedo.testing.energy",
 }
 
@@ -24,11 +25,13 @@ if TYPE_CHECKING:
     from albedo.testing.energy import assert_energy_conserving, assert_white_furnace
     from albedo.testing.reciprocity import assert_reciprocal
     from albedo.testing.sampling import assert_sampler_matches_pdf
+    from albedo.testing.tables import assert_table_close
 
 __all__ = [
     "assert_energy_conserving",
     "assert_reciprocal",
     "assert_sampler_matches_pdf",
+    "assert_table_close",
     "assert_white_furnace",
 ]
 
