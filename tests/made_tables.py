@@ -1,92 +1,56 @@
-"""Lookup tables of random numbers, which no model has to be integrated for."""
+"""Lookup tables of all kinds, and what is read of them, for tests of exported code."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from lookups import lookup_table
 
-from albedo.lookup.label import Channel, Errors, LookupTable, digest_of
-from albedo.lookup.stored import READ, STORED, TEXELS, Grid, Table
+from albedo.lookup.label import LookupTable
+from albedo.lookup.stored import READ, STORED, TEXELS
 
 # What axes are even in, by their number; every kind is there for each of them.
 WARPS = {
     1: (("linear",), ("sqrt",), ("angle",), ("log",), ("rational:0.3",)),
     2: (
         *(("log", "rational:0.5*m"), ("linear", "angle"), ("sqrt", "rational:0.2")),
-        *(("rational:2*cos_theta", "linear"), ("angle", "log")),
+        *(("rational:5", "linear"), ("angle", "sqrt")),
     ),
     3: (
-        *(("log", "sqrt", "rational:0.5*m"), ("linear", "rational:0.1*n_u", "angle")),
-        *(("sqrt", "log", "linear"), ("rational:5", "angle", "rational:0.3*n_u")),
-        ("log", "linear", "rational:0.199"),
+        *(("log", "sqrt", "rational:0.5*m"), ("rational:2*cos_theta", "linear", "angle")),
+        *(("sqrt", "linear", "linear"), ("angle", "rational:5", "rational:0.3*m")),
+        ("linear", "sqrt", "log"),
     ),
 }
-NAMES = {1: ("cos_theta",), 2: ("m", "cos_theta"), 3: ("n_u", "m", "cos_theta")}
-ENDS = {"n_u": (2.0, 50.0), "m": (0.05, 1.0), "cos_theta": (0.01, 1.0)}
-COUNTS = {1: (9,), 2: (7, 9), 3: (5, 6, 7)}
 
 
-def make(
-    name: str,
-    warps: Sequence[str],
-    rng: np.random.Generator,
-    *,
-    stored: str = "float32",
-    read: str = "linear",
-    texels: str = "ends",
-    channels: int = 1,
-    about: Mapping[str, Any] | None = None,
-    names: Sequence[str] | None = None,
-) -> LookupTable:
-    """A table, with errors that nobody measured."""
-    count = len(warps)
-    ends = tuple(ENDS[own] for own in NAMES[count])
-    grid = Grid(tuple(names or NAMES[count]), ends, tuple(warps), COUNTS[count], texels)
-    errors = Errors(
-        *(1e-3, 1e-4, 1e-2, 1e-6, dict.fromkeys(grid.names, 0.3), 9e-4, 1024),
-        map=np.full((2,) * count, 1e-3).tolist(),
-    )
-    tables = [
-        Table.of(grid, rng.uniform(0.1, 0.9, grid.counts), stored, read) for _ in range(channels)
-    ]
-    words = ("f0", "f90") if channels == 2 else ("albedo",)
-    whole = {
-        "title": f"albedo of {name}",
-        "quantity": "split_sum" if channels == 2 else "albedo",
-        "meaning": "directional albedo a",
-        "model": name,
-        "name": name,
-        "parameters": {},
-        "equation": "none",
-        "references": [],
-        "fixed": "light",
-        "metric": "max",
-        "asked": None,
-        "coordinates": digest_of(grid.points()),
-        "source": "tests",
-    }
-    return LookupTable(
-        tuple(Channel(*own, errors) for own in zip(words, tables, strict=True)),
-        {**whole, **(about or {})},
-    )
+def make(name: str, warps: tuple[str, ...], *, channels: int = 1, **how: Any) -> LookupTable:
+    """A table under a name of its own."""
+    quantity = "split_sum" if channels == 2 else "albedo"
+    found = lookup_table(len(warps), warps=warps, quantity=quantity, **how)
+    return replace(found, about={**found.about, "name": name})
 
 
-def all_kinds(rng: np.random.Generator, stored: Sequence[str] = STORED) -> list[LookupTable]:
+def all_kinds(stored: Sequence[str] = STORED) -> list[LookupTable]:
     """Tables of all numbers of axes, ways to read, places of nodes and ways to store.
 
-    Warps and channels take turns, so that each is met with each of these.
+    Warps and channels take turns, so that each is met with each of these. The last has cosines
+    below zero, and angles up to pi.
     """
     found = []
     for i, (axes, read, texels) in enumerate(itertools.product((1, 2, 3), READ, TEXELS)):
         for j, kind in enumerate(stored):
             warps = WARPS[axes][(i + j) % len(WARPS[axes])]
-            name = f"made_{len(found)}"
             how = {"stored": kind, "read": read, "texels": texels, "channels": 1 + (i + j) % 2}
-            found.append(make(name, warps, rng, **how))
-    return found
+            found.append(make(f"made_{len(found)}", warps, seed=len(found), **how))
+    last = make(f"made_{len(found)}", ("angle",))
+    own = last.channels[0]
+    table = replace(own.table, grid=replace(own.table.grid, ends=((-1.0, 1.0),)))
+    return [*found, replace(last, channels=(replace(own, table=table),))]
 
 
 def places(table: LookupTable, rng: np.random.Generator, count: int = 2000) -> np.ndarray:
@@ -102,8 +66,10 @@ def places(table: LookupTable, rng: np.random.Generator, count: int = 2000) -> n
 
 
 def readings(table: LookupTable, x: np.ndarray) -> np.ndarray:
-    """What the library reads, shape (channels, places)."""
-    return np.array([channel.table(x) for channel in table.channels])
+    """What the library reads, shape (channels, places); beyond an end, what is there."""
+    ends = np.array(table.grid.ends)
+    inside = np.clip(x, ends[:, :1], ends[:, 1:])
+    return np.array([channel.table(inside) for channel in table.channels])
 
 
 def rounding(table: LookupTable) -> float:

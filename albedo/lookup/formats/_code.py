@@ -384,8 +384,8 @@ global raise assert Math NaN Infinity THREE
 # What generated code is made of.
 _OWN = """
 abs acos blend channel clamp column data floor fmax fmin file glsl label ldexp line log lookup
-makeTexture max min numbers picture plane pow real row sqrt step table texel texelFetch textureLod
-value whole width height
+makeTexture max min np numbers picture plane pow real row sqrt step table texel texelFetch
+textureLod value whole width height
 """
 _RESERVED = frozenset(f"{_C} {_SHADERS} {_SCRIPTS} {_OWN}".split())
 
@@ -574,7 +574,7 @@ def span(table: Table) -> float:
 
 
 def float32_adds(table: LookupTable, *, by_filter: bool = False) -> float:
-    """The largest difference that float32 makes, at a few thousand places.
+    """The largest difference that float32 makes, at many places.
 
     The functions that are exported are run in float32, where division, root and logarithm err as
     much as Vulkan lets them, and are compared with float64 at the same coordinates.

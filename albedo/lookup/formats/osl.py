@@ -1,6 +1,7 @@
 """OSL: functions and a shader that read the table's OpenEXR picture.
 
-No compiler of OSL has seen them: tests compile their text as C++, with a texture of their own.
+No compiler of OSL has seen them: tests compile their text as C++, with a texture of their own, and
+compare the coordinates with OpenImageIO's texture system.
 """
 
 from __future__ import annotations
