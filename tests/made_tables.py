@@ -11,7 +11,7 @@ import numpy as np
 from lookups import lookup_table
 
 from albedo.lookup.label import LookupTable
-from albedo.lookup.stored import READ, STORED, TEXELS
+from albedo.lookup.stored import READ, STORED, TEXELS, Table
 
 # What axes are even in, by their number; every kind is there for each of them.
 WARPS = {
@@ -72,8 +72,8 @@ def readings(table: LookupTable, x: np.ndarray) -> np.ndarray:
     return np.array([channel.table(inside) for channel in table.channels])
 
 
-def rounding(table: LookupTable) -> float:
-    """What two correct programs in double precision may differ by.
+def rounding(table: LookupTable, eps: float = float(np.finfo(np.float64).eps)) -> float:
+    """What two correct programs may differ by whose numbers have a precision.
 
     An arc cosine or a logarithm that is rounded in another way moves a place by a unit in its last
     digit or two, and a fused multiplication by another: four units of a warped coordinate, in
@@ -81,13 +81,19 @@ def rounding(table: LookupTable) -> float:
     by less than three times. Sums of some ten numbers add their own, four units of the largest.
     """
     grid = table.grid
-    eps = np.finfo(float).eps
     total = 0.0
     for channel in table.channels:
-        values = channel.table.values
-        found = 4.0 * eps * float(np.abs(values).max())
-        for axis, (low, high) in enumerate(grid.warped_ends):
-            moved = 4.0 * eps * max(abs(low), abs(high), 1.0) / (high - low) * grid.counts[axis]
-            found += 3.0 * moved * float(np.abs(np.diff(values, axis=axis)).max())
+        found = 4.0 * eps * float(np.abs(channel.table.values).max())
+        for (low, high), count, step in zip(
+            grid.warped_ends, grid.counts, steepest(channel.table), strict=True
+        ):
+            moved = 4.0 * eps * max(abs(low), abs(high), 1.0) / (high - low) * count
+            found += 3.0 * moved * step
         total = max(total, found)
     return total
+
+
+def steepest(table: Table) -> list[float]:
+    """The largest difference of neighbours along each axis."""
+    values = table.values
+    return [float(np.abs(np.diff(values, axis=axis)).max()) for axis in range(values.ndim)]
