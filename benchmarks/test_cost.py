@@ -282,3 +282,17 @@ def test_against_general_methods(benchmark, name: str) -> None:
             f"  {label}: {spent / ours:.3g} times ours, relative error "
             f"{abs(value / reference - 1.0):.1e}"
         )
+
+
+@pytest.mark.parametrize("interp", ["linear", "cubic"])
+@pytest.mark.parametrize("dtype", ["float32", "float16", "unorm16"])
+def test_lookup(benchmark, dtype: str, interp: str) -> None:
+    """A million readings of a designed table, on one core."""
+    model = albedo.model("cook_torrance", distribution="ggx", geometry="smith_correlated")
+    table = albedo.design(
+        model, {"m": (0.05, 1.0)}, size=(32, 32), cosines=(0.01, 1.0), dtype=dtype, interp=interp
+    )
+    x = np.random.default_rng(0).uniform(0.05, 1.0, (2, 10**6))
+    read = table.channels[0].table
+    benchmark.pedantic(lambda: read(x), rounds=9, warmup_rounds=1)
+    benchmark.extra_info["ns_per_reading"] = round(benchmark.stats.stats.median * 1e3, 1)

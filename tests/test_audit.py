@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from lookups import lookup_table
+from tools import need_module
 from typer.testing import CliRunner
 
 import albedo
@@ -238,7 +239,7 @@ def test_numbers_in_files(tmp_path: Path) -> None:
     np.testing.assert_allclose(found, np.stack((shares, shares.T), axis=-1) / 255.0)
     Image.fromarray(np.rint(65535.0 * VALUES).astype(np.uint16)).save(tmp_path / "b.png")
     np.testing.assert_allclose(load_array(tmp_path / "b.png"), VALUES, atol=1e-5)
-    exr = pytest.importorskip("OpenEXR")
+    exr = need_module("OpenEXR")
     with exr.File({"type": exr.scanlineimage}, {"Y": VALUES.astype(np.float32)}) as file:
         file.write(str(tmp_path / "a.exr"))
     np.testing.assert_array_equal(load_array(tmp_path / "a.exr"), VALUES.astype(np.float32))

@@ -39,6 +39,7 @@ RADIANCE = (ROOT / "docs" / "radiance.md").read_text(encoding="utf-8")
 GRAZING = (ROOT / "docs" / "grazing.md").read_text(encoding="utf-8")
 SCALE_DOWN = (ROOT / "docs" / "scale_down.md").read_text(encoding="utf-8")
 ADVICE = (ROOT / "docs" / "advice.md").read_text(encoding="utf-8")
+LOOKUP = (ROOT / "docs" / "lookup.md").read_text(encoding="utf-8")
 
 _NUMBER = re.compile(r"(-?\d+(?:\.\d+)?)\((\d+)\)(?:e([+-]?\d+))?")
 
@@ -88,10 +89,10 @@ class Intervals(doctest.OutputChecker):
 
 @pytest.mark.parametrize(
     "text",
-    [README, CONTRIBUTING, PUMPING, COUPLING, RADIANCE, GRAZING, SCALE_DOWN, ADVICE],
+    [README, CONTRIBUTING, PUMPING, COUPLING, RADIANCE, GRAZING, SCALE_DOWN, ADVICE, LOOKUP],
     ids=[
         *("readme", "contributing", "pumping", "coupling", "radiance", "grazing"),
-        *("scale_down", "advice"),
+        *("scale_down", "advice", "lookup"),
     ],
 )
 def test_python_snippets_print_what_is_shown(text: str) -> None:
@@ -111,6 +112,7 @@ SHOWN = [
     *commands(README, "albedo stability"),
     *commands(README, "albedo cost"),
     *commands(README, "albedo advise"),
+    *commands(README, "albedo design"),
     *commands(ADVICE, "albedo advise"),
     *commands(RADIANCE, "albedo radiance"),
 ]

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from lookups import all_kinds, lookup_table
+from tools import need_module
 from typer.testing import CliRunner
 
 import albedo
@@ -220,7 +221,7 @@ def test_netcdf_is_read_by_xarray(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("stored", "quantity"), [("float32", "albedo"), ("float16", "split_sum")])
 def test_openexr_is_read_by_another_library(stored: str, quantity: str, tmp_path: Path) -> None:
     """Pixels to the last bit, in rows of the first axis, and the label in the header."""
-    oiio = pytest.importorskip("OpenImageIO")
+    oiio = need_module("OpenImageIO")
     table = lookup_table(stored=stored, quantity=quantity)
     picture = oiio.ImageInput.open(str(save_lookup(table, tmp_path / "t.exr")))
     spec = picture.spec()
