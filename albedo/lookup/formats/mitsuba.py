@@ -41,10 +41,6 @@ def check(table: LookupTable) -> None:
             "the plugin for Mitsuba reads tables of all cosines from 0 to 1; this one has "
             f"{grid.ends[1][0]:g} to {grid.ends[1][1]:g}"
         )
-    if "*" in grid.warps[0]:
-        raise InputError(
-            f"the plugin for Mitsuba reads one row for each m; here m is even in {grid.warps[0]}"
-        )
     if table.channels[0].table.read != "linear":
         raise InputError(
             "the plugin for Mitsuba reads by linear interpolation; design the table with interp "
@@ -88,4 +84,4 @@ def save(table: LookupTable, path: Path) -> None:
     path.write_text(comments + source, encoding="utf-8", newline="\n")
 
 
-FORMAT = Format("mitsuba", ".py", "plugin for Mitsuba 3, a rough conductor", save)
+FORMAT = Format("mitsuba", ".py", "plugin for Mitsuba 3, a rough conductor", save, axes=2)
