@@ -273,6 +273,10 @@ def test_anisotropic_models_have_an_axis_of_azimuths() -> None:
             "names no other axis",
         ),
         (
+            lambda: albedo.design("phong:n=1..9/2", error=0.1, warps={"n": "rational:1*cos_theta"}),
+            "is none where cos_theta is 0",
+        ),
+        (
             lambda: albedo.design("phong:n=1..9/2", error=1e-3, max_bytes=16),
             "no table within 16 bytes",
         ),

@@ -364,6 +364,8 @@ class _Search:
             own = Warp.parse(text)
             if own.by and (own.by not in names or own.by == name):
                 raise InputError(f"the warp {text!r} of {name} names no other axis")
+            if own.by and next(c for c in self.coordinates if c.name == own.by).low <= 0.0:
+                raise InputError(f"the warp {text!r} of {name} is none where {own.by} is 0")
             if own.kind == "log" and next(c for c in self.coordinates if c.name == name).low <= 0.0:
                 raise InputError(f"{name} begins at 0, where there is no logarithm")
         yield from itertools.product(
