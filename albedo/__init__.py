@@ -28,8 +28,10 @@ _HOME = {
     "compensate": "albedo.operators.compensate",
     "couple": "albedo.operators.couple",
     "design": "albedo.lookup.design",
+    "fit": "albedo.lookup.fits",
     "load_lookup": "albedo.lookup.formats",
     "LookupTable": "albedo.lookup.label",
+    "save_fit": "albedo.lookup.fits",
     "save_lookup": "albedo.lookup.formats",
     "normalize": "albedo.operators.normalize",
     "pump": "albedo.operators.pump",
@@ -51,6 +53,7 @@ if TYPE_CHECKING:
     from albedo.estimate import Estimate
     from albedo.integrators.monte_carlo import MonteCarloEstimate, monte_carlo_albedo
     from albedo.lookup.design import design
+    from albedo.lookup.fits import fit, save_fit
     from albedo.lookup.formats import load_lookup, save_lookup
     from albedo.lookup.label import LookupTable
     from albedo.operators.compensate import compensate
@@ -76,6 +79,7 @@ __all__ = [
     "couple",
     "design",
     "directional_albedo",
+    "fit",
     "load_lookup",
     "model",
     "model_from",
@@ -83,6 +87,7 @@ __all__ = [
     "monte_carlo_albedo",
     "normalize",
     "pump",
+    "save_fit",
     "save_lookup",
     "table",
     "testing",

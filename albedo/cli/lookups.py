@@ -39,6 +39,12 @@ def design(
     size: Annotated[
         str | None, typer.Option(metavar="NxM", help="Points along each axis, instead.")
     ] = None,
+    form: Annotated[
+        str,
+        typer.Option(
+            metavar="table|polynomial|rational", help="A table, or a formula in its place."
+        ),
+    ] = "table",
     metric: Annotated[
         str, typer.Option(metavar="max|rms|relative", help="Of which error.")
     ] = "max",
@@ -92,19 +98,23 @@ def design(
       albedo design "cook_torrance:m=0.05..1/2,distribution=ggx" --error 1e-3 --cos 0.01..1
       albedo design "phong:n=1..1000/2" --size 32x32 --dtype unorm16 -o phong.nc
       albedo design "cook_torrance:m=0.1..1/2" --quantity split_sum --error 2e-3 -o pair.exr
+      albedo design "phong:n=1..100/2" --form rational --error 1e-3 -o phong.glsl
     """
     import json
 
     from albedo.files import check_output
-    from albedo.grammar import parse_numbers
     from albedo.lookup.design import design as search
     from albedo.lookup.formats import format_of, save_lookup
 
+    if form != "table":
+        given = {"--size": size, "--max-bytes": max_bytes}
+        for name, value in given.items():
+            if value is not None:
+                raise InputError(f"{name} is of tables; a formula is sought by its error alone.")
+        _fit(model, error, form, metric, quantity, cos, warp or [], fixed, output, as_json)
+        return
     if output is not None:
         check_output(output, (format_of(output).suffix,))
-    ends = parse_numbers(cos if cos.count("..") != 1 else f"{cos}/2", "--cos")
-    if len(ends) != 2:
-        raise InputError(f"--cos {cos} is no range; write its two ends, as in 0.01..1.")
     with warnings_as_lines(), stages("design") as say:
         table = search(
             model,
@@ -112,7 +122,7 @@ def design(
             size=None if size is None else _size(size),
             metric=metric,
             quantity=quantity,
-            cosines=(float(ends[0]), float(ends[1])),
+            cosines=_cosines(cos),
             interp=interp,
             dtype=dtype,
             max_bytes=max_bytes,
@@ -127,6 +137,55 @@ def design(
         typer.echo(json.dumps({**table.label, "sha256": table.sha256}, indent=1))
     else:
         _show(table)
+
+
+def _fit(
+    model: str,
+    error: float | None,
+    form: str,
+    metric: str,
+    quantity: str,
+    cos: str,
+    warp: list[str],
+    fixed: str,
+    output: Path | None,
+    as_json: bool,
+) -> None:
+    """Find a formula in place of a table."""
+    import json
+
+    from albedo.files import check_output
+    from albedo.lookup.fits import FIT_SUFFIXES, save_fit
+    from albedo.lookup.fits import fit as search
+
+    if output is not None:
+        check_output(output, FIT_SUFFIXES)
+    if error is None:
+        raise InputError("--error is needed: what the formula may err by.")
+    with warnings_as_lines(), stages("design") as say:
+        found = search(
+            model,
+            error=error,
+            form=form,
+            metric=metric,
+            quantity=quantity,
+            cosines=_cosines(cos),
+            warps=_warps(warp),
+            fixed=fixed,
+            progress=say,
+        )
+    if output is not None:
+        typer.echo(f"{save_fit(found, output)}: {found.coefficients} coefficients", err=as_json)
+    typer.echo(json.dumps(found.label, indent=1) if as_json else str(found))
+
+
+def _cosines(text: str) -> tuple[float, float]:
+    from albedo.grammar import parse_numbers
+
+    ends = parse_numbers(text if text.count("..") != 1 else f"{text}/2", "--cos")
+    if len(ends) != 2:
+        raise InputError(f"--cos {text} is no range; write its two ends, as in 0.01..1.")
+    return float(ends[0]), float(ends[1])
 
 
 def _size(text: str) -> tuple[int, ...]:

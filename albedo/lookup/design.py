@@ -20,11 +20,14 @@ import numpy as np
 
 from albedo.brdf import Model
 from albedo.errors import InputError
-from albedo.lookup.label import Channel, Errors, LookupTable
+from albedo.lookup.label import Channel, Errors, LookupTable, about_of
 from albedo.lookup.quantities import Quantity, coordinates_of, functions_of, quantity_of
 from albedo.lookup.reference import Coordinate, Function, Reference, refer
 from albedo.lookup.stored import READ, STORED, TEXELS, Grid, Table, size_of
 from albedo.lookup.warps import Warp
+
+Reader = Callable[[np.ndarray], np.ndarray]
+"""Readings, shape (n,), at coordinates, shape (axes, n)."""
 
 METRICS = ("max", "rms", "relative")
 """What is to be small: the largest error, its root mean square, or its share of the value."""
@@ -44,7 +47,7 @@ _SEED = 0x1ABE1
 # Shares along each axis whose errors the label tells, by the number of axes.
 _BLOCKS = {1: 32, 2: 12, 3: 6}
 # Numbers k of the rational family that are tried, before the best one is sharpened.
-_FAMILY = tuple(10.0**e for e in np.linspace(-2.0, 1.0, 7).tolist())
+_FAMILY = (0.01, 0.0316, 0.1, 0.316, 1.0, 3.16, 10.0)
 _SHARPENINGS = 8
 # How much smaller a table has to be for another warp to be worth it.
 _BEST = 4
@@ -200,13 +203,13 @@ def design(
     counts = None if size is None else tuple(size)
     wish = Wish(error, metric, interp, dtype, counts, warps, max_bytes, texels)
     wish.check(len(coordinates))
-    search = _Search(model, what, coordinates, wish, fixed, progress or (lambda words: None))
+    search = Search(model, what, coordinates, wish, fixed, progress or (lambda words: None))
     return search.found()
 
 
 @dataclass(eq=False)
-class _Search:
-    """The search for one table."""
+class Search:
+    """The search for one table, or for what stands for it."""
 
     model: Model
     quantity: Quantity
@@ -216,11 +219,11 @@ class _Search:
     say: Callable[[str], None]
 
     @cached_property
-    def _relative(self) -> bool:
+    def relative(self) -> bool:
         return self.wish.metric == "relative"
 
     @cached_property
-    def _goal(self) -> float:
+    def goal(self) -> float:
         """What errors are to be told apart from: the error asked for, or a guess at it."""
         if self.wish.error is not None:
             return self.wish.error
@@ -230,29 +233,29 @@ class _Search:
         )
 
     @cached_property
-    def _functions(self) -> list[Function]:
+    def functions(self) -> list[Function]:
         return functions_of(
-            *(self.model, self.quantity, self.coordinates, _VALUES * self._goal),
-            *(self._relative, self.fixed),
+            *(self.model, self.quantity, self.coordinates, _VALUES * self.goal),
+            *(self.relative, self.fixed),
         )
 
     @cached_property
-    def _references(self) -> list[Reference]:
+    def references(self) -> list[Reference]:
         self.say("values of the model")
         return [
-            refer(f, self.coordinates, _REFERENCE * self._goal, self._relative)
-            for f in self._functions
+            refer(f, self.coordinates, _REFERENCE * self.goal, self.relative)
+            for f in self.functions
         ]
 
     @cached_property
-    def _cloud(self) -> np.ndarray:
+    def cloud(self) -> np.ndarray:
         """Places where designs are compared: even in several warps of each coordinate."""
         lines = [_spread(c, _COMPARED[len(self.coordinates)]) for c in self.coordinates]
         return np.array([m.ravel() for m in np.meshgrid(*lines, indexing="ij")])
 
     @cached_property
-    def _known(self) -> list[np.ndarray]:
-        return [reference(self._cloud)[0] for reference in self._references]
+    def known(self) -> list[np.ndarray]:
+        return [reference(self.cloud)[0] for reference in self.references]
 
     @cached_property
     def _weight(self) -> np.ndarray:
@@ -273,17 +276,17 @@ class _Search:
             Table.of(
                 grid, reference(points)[0].reshape(grid.counts), self.wish.stored, self.wish.read
             )
-            for reference in self._references
+            for reference in self.references
         ]
 
     def _errs(self, grid: Grid) -> float:
         """The error of a design, at the places where designs are compared."""
         worst = 0.0
-        for table, known in zip(self._tables(grid), self._known, strict=True):
-            off = np.abs(table(self._cloud) - known)
+        for table, known in zip(self._tables(grid), self.known, strict=True):
+            off = np.abs(table(self.cloud) - known)
             if self.wish.metric == "rms":
                 own = math.sqrt(float(self._weight @ off**2))
-            elif self._relative:
+            elif self.relative:
                 own = float((off / np.maximum(np.abs(known), 1e-300)).max())
             else:
                 own = float(off.max())
@@ -297,12 +300,12 @@ class _Search:
 
     def found(self) -> LookupTable:
         """The best table, measured."""
-        _ = self._known
+        _ = self.known
         self.say("axes")
         axes = len(self.coordinates)
         trial = self.wish.counts or (max(8, min(64, LARGEST[axes] // 2)),) * axes
         ranked = sorted(
-            ((self._errs(self._grid(warps, trial)), warps) for warps in self._combinations()),
+            ((self._errs(self._grid(warps, trial)), warps) for warps in self.combinations()),
             key=lambda pair: pair[0],
         )
         best = [self._sharpened(warps, trial) for _, warps in ranked[:_BEST]]
@@ -312,7 +315,7 @@ class _Search:
             self._check_bytes(grid)
             return self._measured(grid)
         self.say("size")
-        sizes = [(self._smallest(warps, self._goal), warps) for warps in best]
+        sizes = [(self._smallest(warps, self.goal), warps) for warps in best]
         offered = [
             (size_of(counts, self.wish.stored), self._grid(warps, counts))
             for counts, warps in sizes
@@ -323,7 +326,7 @@ class _Search:
             largest = self._errs(self._grid(warps, (LARGEST[axes],) * axes))
             raise InputError(
                 f"no table of {self.wish.stored} read by {self.wish.read} "
-                f"interpolation meets {self._goal:g}: with {LARGEST[axes]} points along each axis "
+                f"interpolation meets {self.goal:g}: with {LARGEST[axes]} points along each axis "
                 f"the best errs by {largest:.2g}"
             )
         return self._grown(min(offered, key=lambda pair: pair[0])[1])
@@ -350,11 +353,11 @@ class _Search:
         if most is not None and taken > most:
             shape = " x ".join(map(str, grid.counts))
             raise InputError(
-                f"no table within {most} bytes meets {self._goal:g}: the smallest found has "
+                f"no table within {most} bytes meets {self.goal:g}: the smallest found has "
                 f"{shape} points of {self.wish.stored}, {taken} bytes"
             )
 
-    def _combinations(self) -> Iterator[tuple[str, ...]]:
+    def combinations(self) -> Iterator[tuple[str, ...]]:
         given = dict(self.wish.warps or {})
         names = [c.name for c in self.coordinates]
         for name in given:
@@ -370,7 +373,7 @@ class _Search:
                 raise InputError(f"{name} begins at 0, where there is no logarithm")
         yield from itertools.product(
             *(
-                [given[c.name]] if c.name in given else _warps_for(c, self.coordinates)
+                [given[c.name]] if c.name in given else warps_for(c, self.coordinates)
                 for c in self.coordinates
             )
         )
@@ -443,16 +446,20 @@ class _Search:
         parts = zip(
             self.quantity.channels,
             self._tables(grid),
-            self._references,
-            self._functions,
+            self.references,
+            self.functions,
             strict=True,
         )
-        channels = [_measure(*part) for part in parts]
+        channels = [
+            Channel(name, table, measure(grid, table, reference, function))
+            for name, table, reference, function in parts
+        ]
         how: dict[str, Any] = {"metric": self.wish.metric, "asked": self.wish.error}
-        return LookupTable.of(self.model, self.quantity, channels, fixed=self.fixed, **how)
+        about = about_of(self.model, self.quantity, grid, fixed=self.fixed, **how)
+        return LookupTable(tuple(channels), about)
 
 
-def _warps_for(c: Coordinate, all_of_them: Sequence[Coordinate]) -> list[str]:
+def warps_for(c: Coordinate, all_of_them: Sequence[Coordinate]) -> list[str]:
     """What an axis is tried to be even in."""
     if c.name == "phi":
         return ["linear"]
@@ -495,16 +502,30 @@ def _golden(f: Callable[[float], float], a: float, b: float) -> float:
     return x if fx <= fy else y
 
 
-def _measure(name: str, table: Table, reference: Reference, function: Function) -> Channel:
-    """One channel of a table with its errors."""
-    grid = table.grid
+def measure(grid: Grid, read: Reader, reference: Reference, function: Function) -> Errors:
+    """What readings err by: between all nodes of a grid, and at fresh places by quadrature.
+
+    Parameters
+    ----------
+    grid : Grid
+        Of a table, or so fine that errors do not bend more than once from node to node.
+    read : callable
+        Readings at coordinates, shape (axes, n).
+    reference : Reference
+    function : callable
+        What the reference was made of.
+
+    Returns
+    -------
+    Errors
+    """
     within = _WITHIN
     while within > 2 and math.prod(within * n for n in grid.counts) > _MOST:
         within -= 2
     fine = grid.between(within)
     places = fine.points()
     known, doubt = (a.reshape(fine.counts) for a in reference(places))
-    off = table(places).reshape(fine.counts) - known
+    off = read(places).reshape(fine.counts) - known
     start = 0 if grid.texels == "ends" else within // 2
     # What lies between the places, by the curvature that they show, and what they err by.
     more = sum(_overshoot(off, axis, within, start) for axis in range(off.ndim)) + doubt
@@ -513,9 +534,9 @@ def _measure(name: str, table: Table, reference: Reference, function: Function) 
     at = np.unravel_index(int(np.argmax(bound)), bound.shape)
     worst = places[:, int(np.argmax(bound))]
     weight = _weights(fine, places)
-    verified, count = _verified(table, reference, function, fine, at, within)
+    verified, count = _verified(read, reference, function, fine, at, within)
     nodes = tuple(slice(start, None, within) for _ in fine.counts)
-    errors = Errors(
+    return Errors(
         largest=float(bound.max()),
         rms=math.sqrt(float((weight * bound**2).sum())),
         relative=float((bound / size).max()),
@@ -525,7 +546,6 @@ def _measure(name: str, table: Table, reference: Reference, function: Function) 
         places=count,
         map=_map(bound).tolist(),
     )
-    return Channel(name, table, errors)
 
 
 def _overshoot(off: np.ndarray, axis: int, within: int, start: int) -> float:
@@ -566,7 +586,7 @@ def _map(bound: np.ndarray) -> np.ndarray:
 
 
 def _verified(
-    table: Table,
+    read: Reader,
     reference: Reference,
     function: Function,
     fine: Grid,
@@ -590,4 +610,4 @@ def _verified(
             f"values of the model next to {where} change faster than was seen; the table would err "
             f"by {missed[k]:.2g} more than it says"
         )
-    return float((np.abs(table(x) - value) + error).max()), x.shape[1]
+    return float((np.abs(read(x) - value) + error).max()), x.shape[1]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any
@@ -26,6 +26,67 @@ FORMAT = "albedo lookup table 1"
 def digest_of(points: np.ndarray) -> str:
     """Digest of coordinates: elsewhere they may be rounded another way, and are not made again."""
     return hashlib.sha256(points.astype("<f8").tobytes()).hexdigest()
+
+
+def places_of(
+    grid: Grid, coordinates: Mapping[str, ArrayLike]
+) -> tuple[np.ndarray, tuple[int, ...]]:
+    """Coordinates of any shape as an array of shape (axes, n), and their shape.
+
+    Raises
+    ------
+    InputError
+        For a coordinate that is missing, unknown, or outside the domain.
+    """
+    names = grid.names
+    if set(coordinates) != set(names):
+        raise InputError(
+            f"a reading needs {', '.join(names)}; given are {', '.join(coordinates) or 'none'}"
+        )
+    try:
+        arrays = [np.asarray(coordinates[name], dtype=np.float64) for name in names]
+        columns = np.broadcast_arrays(*arrays)
+    except (TypeError, ValueError):
+        raise InputError(f"{', '.join(names)} are not numbers of shapes that broadcast") from None
+    for name, x, ends in zip(names, columns, grid.ends, strict=True):
+        if not np.all((x >= min(ends)) & (x <= max(ends))):
+            raise InputError(
+                f"{name} is outside of the table; it lies in [{min(ends):g}, {max(ends):g}]"
+            )
+    return np.array([x.ravel() for x in columns]), columns[0].shape
+
+
+def about_of(
+    model: Model,
+    quantity: Quantity,
+    grid: Grid,
+    *,
+    metric: str,
+    asked: float | None,
+    fixed: str,
+) -> dict[str, Any]:
+    """What a label says beside axes and errors."""
+    info = {p.name: p for p in model.parameter_info()}
+    varied = set(grid.names)
+    for name in grid.names:
+        # An alias sets others.
+        varied |= set(getattr(info.get(name), "targets", ()))
+    about = {
+        "title": f"{quantity.name} of {model.name}",
+        "quantity": quantity.name,
+        "meaning": quantity.meaning,
+        "model": model.spec,
+        "name": model.name,
+        "parameters": {k: v for k, v in model.parameters.items() if k not in varied},
+        "equation": model.equation,
+        "references": list(model.references),
+        "fixed": fixed,
+        "metric": metric,
+        "asked": asked,
+        "coordinates": digest_of(grid.points()),
+        "source": f"albedo-workbench {albedo.__version__}",
+    }
+    return strict(about)
 
 
 @dataclass(frozen=True)
@@ -94,40 +155,6 @@ class LookupTable:
     channels: tuple[Channel, ...]
     about: dict[str, Any]
 
-    @classmethod
-    def of(
-        cls,
-        model: Model,
-        quantity: Quantity,
-        channels: Sequence[Channel],
-        *,
-        metric: str,
-        asked: float | None,
-        fixed: str,
-    ) -> LookupTable:
-        """Label the channels of a table of a model."""
-        info = {p.name: p for p in model.parameter_info()}
-        varied = set(channels[0].table.grid.names)
-        for name in tuple(varied):
-            # An alias sets others.
-            varied |= set(getattr(info.get(name), "targets", ()))
-        about = {
-            "title": f"{quantity.name} of {model.name}",
-            "quantity": quantity.name,
-            "meaning": quantity.meaning,
-            "model": model.spec,
-            "name": model.name,
-            "parameters": {k: v for k, v in model.parameters.items() if k not in varied},
-            "equation": model.equation,
-            "references": list(model.references),
-            "fixed": fixed,
-            "metric": metric,
-            "asked": asked,
-            "coordinates": digest_of(channels[0].table.grid.points()),
-            "source": f"albedo-workbench {albedo.__version__}",
-        }
-        return cls(tuple(channels), strict(about))
-
     @property
     def grid(self) -> Grid:
         """The axes, which all channels share."""
@@ -163,7 +190,7 @@ class LookupTable:
         InputError
             For a coordinate that is missing, unknown, or outside the domain.
         """
-        x, shape = self._places(coordinates)
+        x, shape = places_of(self.grid, coordinates)
         found = [channel.table(x).reshape(shape) for channel in self.channels]
         return found[0] if len(found) == 1 else np.array(found)
 
@@ -172,7 +199,7 @@ class LookupTable:
 
         In the shape of a reading.
         """
-        x, shape = self._places(coordinates)
+        x, shape = places_of(self.grid, coordinates)
         shares = self.grid.share_of(x)
         found = []
         for channel in self.channels:
@@ -183,26 +210,6 @@ class LookupTable:
             )
             found.append(errors[index].reshape(shape))
         return found[0] if len(found) == 1 else np.array(found)
-
-    def _places(self, coordinates: Mapping[str, ArrayLike]) -> tuple[np.ndarray, tuple[int, ...]]:
-        names = self.grid.names
-        if set(coordinates) != set(names):
-            raise InputError(
-                f"a reading needs {', '.join(names)}; given are {', '.join(coordinates) or 'none'}"
-            )
-        try:
-            arrays = [np.asarray(coordinates[name], dtype=np.float64) for name in names]
-            columns = np.broadcast_arrays(*arrays)
-        except (TypeError, ValueError):
-            raise InputError(
-                f"{', '.join(names)} are not numbers of shapes that broadcast"
-            ) from None
-        for name, x, ends in zip(names, columns, self.grid.ends, strict=True):
-            if not np.all((x >= min(ends)) & (x <= max(ends))):
-                raise InputError(
-                    f"{name} is outside of the table; it lies in [{min(ends):g}, {max(ends):g}]"
-                )
-        return np.array([x.ravel() for x in columns]), columns[0].shape
 
     @cached_property
     def label(self) -> dict[str, Any]:

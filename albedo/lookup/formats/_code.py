@@ -14,7 +14,7 @@ import json
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from decimal import ROUND_UP, Context
 from typing import Any
 
@@ -224,7 +224,10 @@ def _blended(t: str, points: int) -> str:
 
 def places(table: Table) -> list[str]:
     """Declarations of ``t_0`` and so on: where coordinates lie, in steps from the first node."""
-    grid = table.grid
+    return _along(table.grid)
+
+
+def _along(grid: Grid) -> list[str]:
     names = arguments(grid)
     numbers = grid.numbers()
     lines = [
@@ -246,6 +249,14 @@ def places(table: Table) -> list[str]:
         moved = f"{along} - {-shift!r}" if shift else along
         lines.append(f"real t_{a} = clamp({moved}, 0.0, {number(count - 1.0)})")
     return lines
+
+
+def unit_coordinates(grid: Grid) -> list[str]:
+    """Declarations of ``u_0`` and so on: warped coordinates on [-1, 1]."""
+    steps = replace(grid, counts=(3,) * len(grid.names), texels="ends")
+    # Three points are two steps, from 0 to 2.
+    lines = _along(steps)
+    return [*lines, *(f"real u_{a} = t_{a} - 1.0" for a in range(len(grid.names)))]
 
 
 def _warped(own: Warp, x: str) -> str:
@@ -324,7 +335,7 @@ def main(table: Table, name: str = "", *, by_filter: bool = False) -> Function:
 # Names
 
 
-def stem(table: LookupTable) -> str:
+def stem(table: Any) -> str:
     """What all names of a file begin with: an identifier, from the model and the quantity."""
     quantity = table.about["quantity"]
     words = ["albedo", table.about["name"][:40], "" if quantity == "albedo" else quantity]
@@ -608,6 +619,13 @@ def float32_adds(table: LookupTable, *, by_filter: bool = False) -> float:
         found = np.asarray(names["main"](*(_rough(own) for own in x)), dtype=np.float64)
         largest = max(largest, float(np.abs(found - channel.table(exact)).max()))
     return largest
+
+
+def in_float32(functions: Sequence[Function], x: np.ndarray) -> np.ndarray:
+    """What a function called ``main`` gives in float32 for each row of coordinates."""
+    names: dict[str, Any] = dict(_WORDS)
+    exec("\n".join(_PYTHON.function(own) for own in functions), names)
+    return np.asarray(names["main"](*(_rough(own) for own in x)), dtype=np.float64)
 
 
 def _bilinear(texels: Any, u: Any, v: Any) -> Any:
