@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import struct
+import subprocess
+import sys
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -245,16 +247,20 @@ def test_numbers_in_files(tmp_path: Path) -> None:
     np.testing.assert_array_equal(load_array(tmp_path / "a.exr"), VALUES.astype(np.float32))
 
 
+def texture(number: int, pixels: np.ndarray) -> bytes:
+    """A texture of DirectDraw with pixels of a format of DXGI."""
+    header = struct.pack("<4s7I44x", b"DDS ", 124, 0x1007, *pixels.shape[:2], 0, 0, 1)
+    header += struct.pack("<2I4s5I", 32, 4, b"DX10", 0, 0, 0, 0, 0) + bytes(20)
+    return header + struct.pack("<5I", number, 3, 0, 1, 0) + pixels.tobytes()
+
+
 @pytest.mark.parametrize(("number", "kind", "channels"), [(34, "<f2", 2), (41, "<f4", 1)])
 def test_textures_of_directdraw(number: int, kind: str, channels: int, tmp_path: Path) -> None:
-    header = struct.pack("<4s7I44x", b"DDS ", 124, 0x1007, 6, 6, 0, 0, 1)
-    header += struct.pack("<2I4s5I", 32, 4, b"DX10", 0, 0, 0, 0, 0) + bytes(20)
-    header += struct.pack("<5I", number, 3, 0, 1, 0)
     pixels = np.stack((VALUES, VALUES.T)[:channels], axis=-1).astype(kind)
     path = tmp_path / "a.dds"
-    path.write_bytes(header + pixels.tobytes())
+    path.write_bytes(texture(number, pixels))
     np.testing.assert_array_equal(load_array(path), np.squeeze(pixels.astype(float)))
-    path.write_bytes(header + pixels.tobytes()[:-1])
+    path.write_bytes(texture(number, pixels)[:-1])
     with pytest.raises(InputError, match="does not hold 6 x 6 pixels"):
         load_array(path)
 
@@ -291,6 +297,59 @@ def test_arrays_of_objects_and_huge_ones_are_refused(tmp_path: Path) -> None:
         np.lib.format.write_array_header_1_0(file, header)
     with pytest.raises(InputError, match=r"numbers of shape \(1000000, 1000000\)"):
         load_array(path)
+
+
+FUZZ = """
+import resource, sys, time
+import numpy as np
+from pathlib import Path
+sys.path.insert(0, {tests!r})
+from test_lookup_formats import changed
+from albedo.errors import InputError
+from albedo.lookup.foreign import load_array
+resource.setrlimit(resource.RLIMIT_AS, (6 * 2**30, 6 * 2**30))
+whole = Path({path!r})
+data, target = whole.read_bytes(), whole.with_name("changed" + whole.suffix)
+rng, slowest = np.random.default_rng(7), 0.0
+for _ in range(2000):
+    target.write_bytes(changed(data, rng))
+    start = time.perf_counter()
+    try:
+        found = load_array(target)
+    except InputError as error:
+        assert chr(10) not in str(error), error
+    else:
+        assert np.isfinite(found).all() and found.size <= 2**22
+    slowest = max(slowest, time.perf_counter() - start)
+assert slowest < 5.0, slowest
+"""
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".csv", ".png", ".exr", ".dds", ".h", ".js"])
+def test_damaged_files_are_read_or_refused(suffix: str, tmp_path: Path) -> None:
+    """Two thousand of each kind, in another process; arrays have no digest that could be wrong."""
+    from PIL import Image
+
+    path = tmp_path / f"a{suffix}"
+    if suffix == ".npy":
+        np.save(path, VALUES)
+    elif suffix == ".png":
+        Image.fromarray(np.rint(255.0 * VALUES).astype(np.uint8)).save(path)
+    elif suffix == ".exr":
+        exr = need_module("OpenEXR")
+        with exr.File({"type": exr.scanlineimage}, {"Y": VALUES.astype(np.float32)}) as file:
+            file.write(str(path))
+    elif suffix == ".dds":
+        path.write_bytes(texture(34, np.stack((VALUES, VALUES.T), axis=-1).astype("<f2")))
+    elif suffix == ".csv":
+        path.write_text("\n".join(",".join(map(str, row)) for row in VALUES))
+    else:
+        path.write_text(f"const float t[6][6] = {{{NESTED}}};" if suffix == ".h" else f"[{FLAT}]")
+    script = FUZZ.format(tests=str(Path(__file__).parent), path=str(path))
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", script], capture_output=True, text=True, timeout=300
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
 
 
 def test_lookup_tables_are_compared_by_label_and_by_value(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import doctest
-import importlib.util
 import math
 import sys
 import types
@@ -13,6 +12,7 @@ from pathlib import Path
 import exact
 import numpy as np
 import pytest
+from tools import need_module
 
 import albedo
 import albedo.fresnel
@@ -358,8 +358,8 @@ def test_the_book_covers_more_with_its_file(
         metals._database.cache_clear()
 
 
-@pytest.mark.skipif(importlib.util.find_spec("pyradiance") is None, reason="an optional extra")
 def test_the_file_of_pyradiance_continues_the_table() -> None:
+    need_module("pyradiance")
     for metal in metals.METALS:
         book, table = metals._database(metal, "glassner"), metals._table(metal, "glassner")
         assert book is not None

@@ -23,6 +23,8 @@ MOST_NUMBERS = 2**22
 """Numbers that an array may have."""
 MOST_BYTES = 2**27
 """Bytes that a file may have."""
+# Characters of a reason.
+_SAID = 400
 
 _NUMBER = re.compile(
     r"[-+]?(?:0[xX][0-9a-fA-F]*\.?[0-9a-fA-F]*[pP][-+]?\d+|(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
@@ -69,9 +71,13 @@ def load_array(path: str | os.PathLike[str]) -> np.ndarray:
     if size > MOST_BYTES:
         raise InputError(f"'{target}' has {size} bytes; what is read has at most {MOST_BYTES}")
     try:
-        found = np.asarray(reader(target), dtype=np.float64)
+        # What is no number is refused below.
+        with np.errstate(invalid="ignore", over="ignore"):
+            found = np.asarray(reader(target), dtype=np.float64)
     except InputError as error:
-        raise InputError(f"'{target}' is not read: {error}") from None
+        # What libraries say may have several lines.
+        said = " ".join(str(error).split())[:_SAID]
+        raise InputError(f"'{target}' is not read: {said}") from None
     if not 4 <= found.size <= MOST_NUMBERS or not 1 <= found.ndim <= 3:
         raise InputError(f"'{target}' holds no table: an array of shape {found.shape}")
     if not np.isfinite(found).all():
