@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 
 import exact
 import numpy as np
@@ -203,6 +204,33 @@ def test_a_function_is_a_model() -> None:
         assert np.all(np.abs(found.value - reference.value) <= found.error + reference.error)
         assert found.resolved_width is not None
         assert "rad" in str(found)
+
+
+def test_a_scan_misses_no_disc_of_its_width(rng: np.random.Generator) -> None:
+    """A disc that reflects, and nothing else: wherever it lies, some node sees it."""
+    width = 0.05
+    for _ in range(40):
+        theta, turn = rng.uniform(0.3, 1.2), rng.uniform(0.4, 2.7)
+        middle = spherical(math.cos(theta), turn).ravel()
+
+        def disc(wi: np.ndarray, wo: np.ndarray, middle: np.ndarray = middle) -> np.ndarray:
+            inside = ((wo - middle) ** 2).sum(-1) < (0.5 * width) ** 2
+            return np.where(inside, 1.0 / width**2, 0.0)
+
+        model = albedo.model_from(disc, resolved_width=width)
+        # Its edge needs more evaluations than are given.
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", albedo.ConvergenceWarning)
+            found = albedo.directional_albedo(model, 0.9, rtol=1e-2, max_evaluations=500_000)
+        expected = 0.25 * math.pi * math.cos(theta)
+        # A chord is shorter than an arc, by a share of width^2/96 that tilts nothing.
+        assert abs(float(found.value) - expected) <= float(found.error) + 1e-3 * expected
+
+
+def test_a_scan_that_cannot_see_everything_is_refused() -> None:
+    model = albedo.model_from(lambda wi, wo: np.full(wo.shape[:-1], 0.1), resolved_width=0.01)
+    with pytest.raises(albedo.InputError, match=r"features of 0.01 rad are seen with \d+ at least"):
+        albedo.directional_albedo(model, 0.5, max_evaluations=100_000)
 
 
 def test_functions_that_return_nonsense_are_refused() -> None:

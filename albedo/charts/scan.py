@@ -1,7 +1,7 @@
 """Scanning chart: for a BRDF about which nothing is known.
 
 Azimuth psi about N (from L's azimuth) and polar angle of V; dV n.v = sin cos dtheta dpsi. The
-hemisphere is covered with panels so small that nodes lie closer than the resolved width, and
+hemisphere is covered with panels so small that every disc of the resolved width holds a node, and
 graded geometrically towards the mirror direction (psi = pi, theta_v = theta), the light itself
 (psi = 0) and the normal, down to 1e-8 rad. Panel edges pass through the lines theta_v = theta and
 psi = 0, +-pi/2, pi, where many models have kinks.
@@ -17,8 +17,11 @@ import numpy as np
 
 _FINEST = 1e-8
 _RATIO = 4.0
-# The widest gap between Gauss nodes of order 10 on a panel is 0.16 of it.
-_PANEL_WIDTHS = 6.0
+LEAST = 10
+"""Nodes along each side of a panel, of which no disc as wide as the resolved width is missed."""
+# The widest gap between ten Gauss nodes is 0.149 of a panel; the widest disc without a node in a
+# square of such gaps is 1.42 times as wide.
+_PANEL_WIDTHS = 4.5
 
 
 def _graded(points: list[float], step: float, low: float, high: float) -> np.ndarray:

@@ -22,6 +22,8 @@ from typing import Any
 import numpy as np
 
 from albedo._compile import kernel
+from albedo.charts.scan import LEAST, ScanChart
+from albedo.errors import InputError
 from albedo.integrators.cells import (
     MOMENTS,
     Cells,
@@ -290,6 +292,13 @@ def _begin(
     start = 10 if rtol >= 1e-6 else 12 if rtol >= 1e-10 else 16
     doubt = np.ones(n)
     fits = [p for p in LADDER if p <= start and per_row.max() * (p * p + 8) <= limit]
+    scans = isinstance(chart, ScanChart)
+    if isinstance(chart, ScanChart) and (not fits or fits[-1] < LEAST):
+        needed = int(per_row.max()) * (LEAST * LEAST + 8)
+        raise InputError(
+            f"max_evaluations = {limit} is out of range; features of {chart.width:g} rad are seen "
+            f"with {needed} at least"
+        )
     if not fits or fits[-1] < 4:
         geometry, row, code, box = chart.panels(cos_theta, phi, widths, isotropic, coarse=True)
         per_row = np.bincount(row, minlength=n)
@@ -299,7 +308,8 @@ def _begin(
     order = fits[-1] if fits else 2
     m = row.size
     first = np.full((m, 2), order)
-    if order == start:
+    # A scan has to see everything at first sight.
+    if order == start and not scans:
         first = _start_orders(start, code)
         first[per_row[row] > _CROWD] = _GLANCE
     cells = Cells.blank(row, code, box, first, _TOP if judge_series else 0)
