@@ -251,6 +251,14 @@ def test_archives_run_nothing_and_do_not_burst(tmp_path: Path) -> None:
         load_lookup(path)
 
 
+def test_tables_of_albedos_are_told_from_lookup_tables(tmp_path: Path) -> None:
+    from albedo.files import save_table
+
+    path = save_table(albedo.table(albedo.model("lambert"), [0.1, 0.5, 1.0]), tmp_path / "t.nc")
+    with pytest.raises(InputError, match="netCDF 4, such as `albedo table` writes"):
+        load_lookup(path)
+
+
 def test_large_files_are_not_opened(tmp_path: Path) -> None:
     path = tmp_path / "table.nc"
     with path.open("wb") as file:

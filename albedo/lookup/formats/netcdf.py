@@ -76,6 +76,12 @@ def load(path: Path) -> LookupTable:
     """Read such a file; all that it tells is compared."""
     from scipy.io import netcdf_file
 
+    with path.open("rb") as start:
+        if start.read(4) == b"\x89HDF":
+            raise InputError(
+                "it is a file of netCDF 4, such as `albedo table` writes; lookup tables are made by "
+                "`albedo design`"
+            )
     try:
         # Copied: nothing points into a file that may change.
         with netcdf_file(path, "r", mmap=False, maskandscale=False) as file:
