@@ -21,7 +21,7 @@ import numpy as np
 from albedo.brdf import Model
 from albedo.errors import InputError
 from albedo.lookup.label import Channel, Errors, LookupTable, about_of
-from albedo.lookup.quantities import Quantity, coordinates_of, functions_of, quantity_of
+from albedo.lookup.quantities import Quantity, coordinates_of, functions_of, quantity_of, subject_of
 from albedo.lookup.reference import Coordinate, Function, Reference, refer
 from albedo.lookup.stored import READ, STORED, TEXELS, Grid, Table, size_of
 from albedo.lookup.warps import Warp
@@ -186,20 +186,9 @@ def design(
     >>> bool(table.worst <= 1e-2)
     True
     """
-    ranges = dict(ranges or {})
-    if isinstance(model, str):
-        from albedo.grammar import parse_ranges
-
-        model, swept = parse_ranges(model)
-        ranges = swept | ranges
-    if not isinstance(model, Model):
-        raise InputError(f"design needs a model or its name, not {type(model).__name__}")
-    if model.channels is not None:
-        raise InputError(
-            f"{model.spec} has {model.channels} channels; design a table of one, model.channel(i)"
-        )
+    model, varied = subject_of(model, ranges, "design")
     what = quantity_of(quantity)
-    coordinates = coordinates_of(model, ranges, what, cosines)
+    coordinates = coordinates_of(model, varied, what, cosines)
     counts = None if size is None else tuple(size)
     wish = Wish(error, metric, interp, dtype, counts, warps, max_bytes, texels)
     wish.check(len(coordinates))

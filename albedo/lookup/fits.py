@@ -28,7 +28,7 @@ from albedo.lookup.design import Search, Wish, measure
 from albedo.lookup.formats import _code as code
 from albedo.lookup.formats.c import DIALECT as C
 from albedo.lookup.label import Errors, about_of, places_of
-from albedo.lookup.quantities import coordinates_of, quantity_of
+from albedo.lookup.quantities import coordinates_of, quantity_of, subject_of
 from albedo.lookup.stored import Grid
 from albedo.lookup.warps import Warp
 
@@ -261,22 +261,13 @@ def fit(
     >>> bool(formula.worst <= 1e-2)
     True
     """
-    ranges = dict(ranges or {})
-    if isinstance(model, str):
-        from albedo.grammar import parse_ranges
-
-        model, swept = parse_ranges(model)
-        ranges = swept | ranges
-    if not isinstance(model, Model):
-        raise InputError(f"fit needs a model or its name, not {type(model).__name__}")
-    if model.channels is not None:
-        raise InputError(f"{model.spec} has {model.channels} channels; fit one, model.channel(i)")
+    model, varied = subject_of(model, ranges, "fit")
     if form not in FORMS:
         raise InputError(f"form = {form!r} is unknown; choose one of {', '.join(FORMS)}")
     if metric not in ("max", "relative"):
         raise InputError(f"metric = {metric!r} is unknown; choose one of max, relative")
     what = quantity_of(quantity)
-    coordinates = coordinates_of(model, ranges, what, cosines)
+    coordinates = coordinates_of(model, varied, what, cosines)
     wish = Wish(error, metric, warps=warps)
     wish.check(len(coordinates))
     search = Search(model, what, coordinates, wish, fixed, progress or (lambda words: None))

@@ -70,6 +70,40 @@ def quantity_of(name: str) -> Quantity:
     return QUANTITIES[name]
 
 
+def subject_of(
+    model: Model | str, ranges: Mapping[str, tuple[float, float]] | None, what: str
+) -> tuple[Model, dict[str, tuple[float, float]]]:
+    """A model of one channel, and between which numbers its parameters vary.
+
+    Parameters
+    ----------
+    model : Model or str
+        In the grammar a sweep says between which numbers.
+    ranges : mapping of str to (float, float), optional
+        These count where both say so.
+    what : str
+        Who asks, for what is said.
+
+    Raises
+    ------
+    InputError
+        For what is no model, or has several channels.
+    """
+    found = dict(ranges or {})
+    if isinstance(model, str):
+        from albedo.grammar import parse_ranges
+
+        model, swept = parse_ranges(model)
+        found = swept | found
+    if not isinstance(model, Model):
+        raise InputError(f"{what} needs a model or its name, not {type(model).__name__}")
+    if model.channels is not None:
+        raise InputError(
+            f"{model.spec} has {model.channels} channels; {what} one of them, model.channel(i)"
+        )
+    return model, found
+
+
 def coordinates_of(
     model: Model,
     ranges: Mapping[str, tuple[float, float]],

@@ -79,8 +79,8 @@ def load(path: Path) -> LookupTable:
     with path.open("rb") as start:
         if start.read(4) == b"\x89HDF":
             raise InputError(
-                "it is a file of netCDF 4, such as `albedo table` writes; lookup tables are made by "
-                "`albedo design`"
+                "it is a file of netCDF 4, such as `albedo table` writes; `albedo design` makes "
+                "lookup tables"
             )
     try:
         # Copied: nothing points into a file that may change.
