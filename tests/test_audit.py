@@ -176,6 +176,8 @@ def test_one_axis_and_a_model_without_masking() -> None:
         (lambda: audit(np.zeros((9, 9)), ggx(alpha_x=0.3), "m"), "no isotropic model"),
         (lambda: said_to_be("phong:n=1..2/2"), "sweeps n"),
         (lambda: shaped(np.zeros(100), (3, 5)), "which are not 3 x 5"),
+        (lambda: shaped(np.zeros(100), (0, 5)), "which are not 0 x 5"),
+        (lambda: shaped(np.zeros(100), (-5, -5)), "which are not -5 x -5"),
         (lambda: shaped(np.zeros(1000), None), "give its shape"),
         (lambda: assert_table_close(np.zeros(9), "ggx", atol=0.0), "atol = 0.0 is out of range"),
         (lambda: assert_table_close(np.zeros(9), 3, atol=0.1), "needs a model or its name"),

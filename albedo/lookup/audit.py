@@ -58,15 +58,12 @@ ENCODINGS: Mapping[str, Callable[[np.ndarray], np.ndarray]] = {
 }
 """How a value may be written: what makes it a value again."""
 
-HOLDS = ("albedo", "complement", "f0", "f90")
-"""What one number may be: of `albedo.lookup.quantities.QUANTITIES`, a channel."""
-
 _MASKINGS = "geometry"
 # Where no roughness is told from a mirror, and what the references may err by.
 _SMOOTHEST, _EXACT = 2e-3, 2e-5
 # What fits is nearer to certified values than this, in the mean square.
 _FITS = 0.01
-# The runner-up is another convention, not a neighbour of the best one by rounding.
+# Places from node to node where readings are compared.
 _BETWEEN = 7
 _MOST_SIDE = 1024
 # A longer list is no single line.
@@ -92,7 +89,7 @@ class Convention:
     masking : str
         The masking-shadowing, or what else was tried; empty where there is no choice.
     channels : tuple of str
-        What each channel holds, of `HOLDS`, or ``?``.
+        What each channel holds: a channel of `albedo.lookup.quantities.QUANTITIES`.
     encoding : str
         Of `ENCODINGS`.
     """
@@ -298,7 +295,7 @@ def shaped(data: np.ndarray, shape: Sequence[int] | None) -> np.ndarray:
         Where it has another number of numbers, or may be of several shapes.
     """
     if shape is not None:
-        if math.prod(shape) != data.size and data.size % max(math.prod(shape), 1):
+        if min(shape) < 1 or data.size % math.prod(shape):
             raise InputError(
                 f"the table has {data.size} numbers, which are not {' x '.join(map(str, shape))}"
             )
@@ -407,7 +404,7 @@ class _Audit:
 
     def _references(self, masking: str) -> Mapping[str, _Values]:
         """Values of all that a number may hold, for coordinates (axes, n)."""
-        return _values_of(self._maskings[masking], self.parameter)
+        return _values_of(self._maskings[masking], self.parameter)[0]
 
     def _orders(self) -> list[tuple[str, ...]]:
         if self.parameter is None:
@@ -531,7 +528,8 @@ class _Audit:
             if off[k] >= worst:
                 names = order if order[-1] == "cos_theta" else order[::-1]
                 worst, where = float(off[k]), dict(zip(names, x[:, k].tolist(), strict=True))
-        return worst + _EXACT, where, np.array(about)
+        doubt = _values_of(self._maskings[how.masking], self.parameter)[1]
+        return worst + doubt, where, np.array(about)
 
     def _about(self, off: np.ndarray, shares: Sequence[np.ndarray], texels: str) -> np.ndarray:
         """The largest of the errors that are nearest to each node."""
@@ -543,8 +541,8 @@ class _Audit:
 
 
 @lru_cache(maxsize=32)
-def _values_of(model: Model, parameter: str | None) -> Mapping[str, _Values]:
-    """Values of all that a number may hold, for coordinates (axes, n)."""
+def _values_of(model: Model, parameter: str | None) -> tuple[Mapping[str, _Values], float]:
+    """Values of all that a number may hold, for coordinates (axes, n), and what they err by."""
     ranges = {} if parameter is None else {parameter: (_SMOOTHEST, 1.0)}
     coordinates = coordinates_of(model, ranges, QUANTITIES["albedo"], (0.0, 1.0))
 
@@ -560,9 +558,13 @@ def _values_of(model: Model, parameter: str | None) -> Mapping[str, _Values]:
     }
     if not any(p.name == "f0" for p in model.parameter_info()):
         # A model without Schlick's factor has no split.
-        return found
+        return found, whole.largest
     edge = of("split_sum", 1)
-    return {**found, "f90": lambda x: edge(x)[0], "f0": lambda x: whole(x)[0] - edge(x)[0]}
+    split: dict[str, _Values] = {
+        "f90": lambda x: edge(x)[0],
+        "f0": lambda x: whole(x)[0] - edge(x)[0],
+    }
+    return {**found, **split}, whole.largest + edge.largest
 
 
 def _linear(values: np.ndarray, nodes: np.ndarray, u: np.ndarray, axis: int) -> np.ndarray:

@@ -173,6 +173,11 @@ class Reference:
         return value, error
 
     @property
+    def largest(self) -> float:
+        """The largest bound, of a reference that is not relative."""
+        return float(self.error.max()) + self.below
+
+    @property
     def _cosine(self) -> int:
         return [c.name for c in self.coordinates].index("cos_theta")
 
