@@ -30,7 +30,7 @@ import time
 import traceback
 import types
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -75,11 +75,14 @@ class Study:
     title : str
         One line for a heading.
     paper : str
-        The paper it is about, as a reader would cite it.
+        The paper it is about: its key in ``papers.toml`` beside the study, or as a reader would
+        cite it.
     figure : str
         The figure of that paper that it reproduces, if any.
     claims : tuple of str
         Identifiers of the claims that it measures; each has to be measured when it runs.
+    alone : bool
+        Whether it takes times, so that nothing else may run beside it.
     """
 
     name: str
@@ -87,6 +90,7 @@ class Study:
     paper: str = ""
     figure: str = ""
     claims: tuple[str, ...] = ()
+    alone: bool = False
 
 
 @dataclass(frozen=True)
@@ -173,8 +177,18 @@ class Context:
     _tables: list[dict[str, Any]] = field(default_factory=list)
     _figures: list[dict[str, Any]] = field(default_factory=list)
     _claims: list[dict[str, Any]] = field(default_factory=list)
+    _explained: dict[str, list[str]] = field(default_factory=dict)
+    _settings: dict[str, Any] = field(default_factory=dict)
 
-    def table(self, name: str, frame: pd.DataFrame, caption: str = "") -> None:
+    def table(
+        self,
+        name: str,
+        frame: pd.DataFrame,
+        caption: str = "",
+        *,
+        machine: Sequence[str] = (),
+        loose: Mapping[str, float] | None = None,
+    ) -> None:
         """Keep a table as CSV, every float in the shortest form that reads back exactly.
 
         Where a column ``x`` has a companion ``x_error``, the report prints the two as one number
@@ -188,10 +202,27 @@ class Context:
             The rows.
         caption : str
             What the table shows.
+        machine : sequence of str
+            Columns that depend on the machine, such as times: no check compares their values.
+        loose : mapping of str to float, optional
+            Columns without errors of their own, and how far two runs may differ, absolutely;
+            what is not named has to agree to nine digits.
         """
         self._claim_name(name)
+        loose = dict(loose or {})
+        unknown = [column for column in (*machine, *loose) if column not in frame.columns]
+        if unknown:
+            raise InputError(f"The table '{name}' has no column {', '.join(unknown)}.")
         save_csv(frame, self.folder / f"{name}.csv")
-        self._tables.append({"name": name, "file": f"{name}.csv", "caption": caption})
+        self._tables.append(
+            {
+                "name": name,
+                "file": f"{name}.csv",
+                "caption": caption,
+                "machine": list(machine),
+                "loose": loose,
+            }
+        )
 
     def figure(self, name: str, figure: Figure, caption: str = "") -> None:
         """Keep a figure as SVG and PNG.
@@ -223,6 +254,11 @@ class Context:
         criterion: str | Criterion,
         quantity: str = "",
         kind: str = "bound",
+        *,
+        reading: str = "",
+        figure: str = "",
+        table: str = "",
+        machine: bool = False,
     ) -> str:
         """Record a measured claim; the verdict comes from the number and the criterion alone.
 
@@ -240,6 +276,14 @@ class Context:
             What the number is, where the statement does not say it.
         kind : str
             ``"bound"`` or ``"standard_error"``.
+        reading : str
+            In which of its readings, where the paper's words can be read in several: where those
+            have different verdicts, that of the claim depends on the reading.
+        figure, table : str
+            Names of the figure and the table of this study that show it; its first ones unless
+            given.
+        machine : bool
+            Whether the value depends on the machine, as times do: a check compares verdicts only.
 
         Returns
         -------
@@ -275,9 +319,40 @@ class Context:
                 "kind": kind,
                 "criterion": rule.text,
                 "verdict": verdict,
+                "reading": reading,
+                "figure": figure,
+                "table": table,
+                "machine": machine,
             }
         )
         return verdict
+
+    def explain(self, id: str, text: str) -> None:
+        """Say why a claim fails or depends on the reading, with the mathematics.
+
+        The ledger shows it where the claim does not simply hold.
+
+        Parameters
+        ----------
+        id : str
+            Identifier of a claim that the study declares.
+        text : str
+            One paragraph of plain text, such that the authors of the paper would find it fair.
+            Numbers in it should come from what was computed.
+        """
+        if id not in self.study.claims:
+            raise InputError(f"Study '{self.study.name}' explains the claim '{id}', not its own.")
+        self._explained.setdefault(id, []).append(text)
+
+    def setting(self, **values: float | int | str | bool) -> None:
+        """Put on record what the results depend on: tolerances, seeds, numbers of samples.
+
+        Parameters
+        ----------
+        **values : float, int, str or bool
+            Each under its name.
+        """
+        self._settings |= values
 
     def note(self, text: str) -> None:
         """Add a paragraph to the page of the study.
@@ -541,12 +616,15 @@ def run_study(
                 "paper": context.study.paper,
                 "figure": context.study.figure,
                 "claims": list(context.study.claims),
+                "alone": context.study.alone,
             },
             "fidelity": "full" if full else "quick",
             "inputs": {"source": file.path.name, "source_sha256": source_sha256, **_versions()},
             "error": None if caught.error is None else _describe(caught.error, file.path),
             "notes": context._notes,
             "claims": context._claims,
+            "explanations": context._explained,
+            "settings": context._settings,
             "figures": context._figures,
             "tables": context._tables,
             "warnings": sorted({f"{w.category.__name__}: {w.message}" for w in warned}),
