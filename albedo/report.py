@@ -1,28 +1,26 @@
-"""The report: a static site of what the studies found, made of plain HTML and relative links.
+"""The report: runs the studies, and makes a site, a ledger and a record of what they found.
 
-Every study has a folder with its page, figures (SVG and PNG), tables (CSV) and manifest. Pages load
-nothing from elsewhere, so a site can be mailed, archived or opened from the disk.
+out/
+  index.html, claims.html, papers/, models/     the pages
+  studies/NAME/                                 page, figures, tables and record of each study
+  claims.csv, claims.json                       the ledger
+  manifest.json                                 what all of it was made from
 """
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from albedo.estimate import format_value
-from albedo.files import save_text
-from albedo.studies import Progress, Result, StudyFile, run_study
+from albedo.files import save_json, save_text
+from albedo.ledger import ledger, save_ledger
+from albedo.papers import read_papers
+from albedo.runner import Screen, run_studies
+from albedo.sources import versions
+from albedo.studies import Result, StudyFile
 
-if TYPE_CHECKING:
-    import jinja2
-    import pandas as pd
-
-__all__ = ["build_report", "render_index", "render_study"]
-
-# A page shows so many rows of a table, evenly spread; the CSV beside it has all.
-_SHOWN_ROWS = 24
+__all__ = ["build_report", "record"]
 
 
 def build_report(
@@ -30,151 +28,92 @@ def build_report(
     out: Path,
     *,
     full: bool = False,
-    progress: Progress | None = None,
-    finished: Callable[[Result], None] | None = None,
+    jobs: int | None = None,
+    again: bool = False,
+    pages: bool = True,
+    screen: Screen | None = None,
 ) -> list[Result]:
-    """Run studies one after the other and write the site.
+    """Run studies and write the site.
 
-    A study that fails gets a page that says why, and does not stop the others. The pages of the
-    studies that are finished stay in place when the run is interrupted.
+    A study that fails gets a page that says why, and does not stop the others. Those of which
+    nothing changed are not run again. What is finished when the run is interrupted stays.
 
     Parameters
     ----------
     files : sequence of StudyFile
-        The studies.
+        The studies, all of one folder.
     out : Path
         Folder of the site; created when missing.
     full : bool
         Full fidelity instead of quick.
-    progress : callable, optional
-        Called with steps done, steps in all and a text, for the running study.
-    finished : callable, optional
-        Called with the result of each study as soon as it is there.
+    jobs : int, optional
+        How many studies run at a time; as many as there are cores unless given.
+    again : bool
+        Run all of them, whether anything changed or not.
+    pages : bool
+        Without, only tables, records and the ledger stay: enough to compare a later run with.
+    screen : Screen, optional
+        What shows how far the studies are.
 
     Returns
     -------
     list of Result
         One for every study, failures included.
     """
+    from albedo.site import render_study, write_site
+
+    papers = read_papers(files[0].path.parent)
     out.mkdir(parents=True, exist_ok=True)
-    save_text(_source("style.css"), out / "style.css")
-    results = []
-    for file in files:
-        result = run_study(
-            file, out, full=full, progress=progress, finish=_write_page, keep_failure=True
-        )
-        results.append(result)
-        if finished is not None:
-            finished(result)
-    save_text(render_index([result.manifest for result in results]), out / "index.html")
+    place = out / "studies"
+    results = run_studies(
+        *(files, place), full=full, jobs=jobs, again=again, keep_failure=True, screen=screen
+    )
+    manifests = [result.manifest for result in results]
+    for result in results:
+        if result.folder is not None and pages:
+            page = render_study(result.folder, result.manifest)
+            save_text(page, result.folder / "index.html")
+        elif result.folder is not None:
+            for name in ("svg", "png"):
+                for figure in result.manifest["figures"]:
+                    (result.folder / figure[name]).unlink(missing_ok=True)
+    rows = ledger(papers, manifests)
+    save_ledger(rows, out)
+    save_json(record(manifests, full), out / "manifest.json")
+    if pages:
+        write_site(out, manifests, papers, rows)
     return results
 
 
-def render_index(manifests: Sequence[dict[str, Any]]) -> str:
-    """Write the first page of the site.
+def record(manifests: Sequence[Mapping[str, Any]], full: bool) -> dict[str, Any]:
+    """What a site was made from.
 
     Parameters
     ----------
     manifests : sequence of dict
-        Manifests of the studies.
+        Records of the studies.
+    full : bool
+        The fidelity.
 
     Returns
     -------
-    str
-        HTML.
+    dict
+        Versions, the kind of machine, and for every study its settings (tolerances, seeds), a hash
+        of what it read, and a hash of every table.
     """
-    return _environment().get_template("index.html.j2").render(manifests=manifests)
-
-
-def render_study(folder: Path, manifest: dict[str, Any]) -> str:
-    """Write the page of one study.
-
-    Parameters
-    ----------
-    folder : Path
-        Folder with its tables.
-    manifest : dict
-        Its manifest.
-
-    Returns
-    -------
-    str
-        HTML.
-    """
-    import pandas as pd
-
-    tables = [
-        {**table, **_excerpt(pd.read_csv(folder / table["file"]))} for table in manifest["tables"]
-    ]
-    template = _environment().get_template("study.html.j2")
-    return template.render(manifest=manifest, tables=tables)
-
-
-def _write_page(folder: Path, manifest: dict[str, Any]) -> None:
-    save_text(render_study(folder, manifest), folder / "index.html")
-
-
-def _excerpt(frame: pd.DataFrame) -> dict[str, Any]:
-    """Rows and columns as a page shows them: a value and its error become one column."""
-    import numpy as np
-
-    count = len(frame)
-    picked = np.unique(np.linspace(0, count - 1, min(count, _SHOWN_ROWS)).round().astype(int))
-    shown = frame.iloc[picked]
-    columns = []
-    for name in frame.columns:
-        stem = next(
-            (name.removesuffix(s) for s in ("_error", "_evaluations") if name.endswith(s)), None
-        )
-        if stem is not None and stem in frame.columns:
+    studies = {}
+    for manifest in manifests:
+        if manifest["error"] is not None:
             continue
-        if f"{name}_error" in frame.columns:
-            pairs = zip(shown[name], shown[f"{name}_error"], strict=True)
-            cells = [format_value(float(value), float(error)) for value, error in pairs]
-        else:
-            cells = [f"{v:.6g}" if isinstance(v, float) else str(v) for v in shown[name]]
-        numeric = frame[name].dtype.kind in "iuf"
-        columns.append({"name": name, "cells": cells, "numeric": numeric})
-    rows = list(zip(*(column["cells"] for column in columns), strict=True))
-    return {"columns": columns, "rows": rows, "count": count, "shown": len(picked)}
-
-
-def _seconds(value: float) -> str:
-    if value < 1:
-        return f"{value * 1000:.0f} ms"
-    return f"{value:.1f} s" if value < 100 else f"{value / 60:.1f} min"
-
-
-def _tone(verdict: str) -> str:
-    """CSS class of a verdict."""
-    for start, tone in (("holds", "good"), ("fails", "bad")):
-        if verdict.startswith(start):
-            return tone
-    return "open"
-
-
-def _verdicts(claims: list[dict[str, Any]]) -> list[tuple[str, int]]:
-    """Claims with their verdicts, without the numbers, and how often each is there."""
-    return list(Counter(f"{c['id']} {c['verdict'].split(':')[0]}" for c in claims).items())
-
-
-def _environment() -> jinja2.Environment:
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("albedo", "templates"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["format_value"] = lambda claim: format_value(claim["value"], claim["error"])
-    environment.filters["seconds"] = _seconds
-    environment.filters["tone"] = _tone
-    environment.filters["verdicts"] = _verdicts
-    return environment
-
-
-def _source(name: str) -> str:
-    """Text of a file of the templates."""
-    return (Path(__file__).parent / "templates" / name).read_text(encoding="utf-8")
+        tables = {table["file"] for table in manifest["tables"]}
+        studies[manifest["study"]["name"]] = {
+            "settings": manifest["settings"],
+            "sources_sha256": manifest["inputs"]["sources_sha256"],
+            "tables_sha256": {k: v for k, v in manifest["outputs"].items() if k in tables},
+            "seconds": manifest["seconds"],
+        }
+    return {
+        "fidelity": "full" if full else "quick",
+        "made_with": versions(),
+        "studies": studies,
+    }

@@ -21,23 +21,25 @@ the seconds that it took.
 
 from __future__ import annotations
 
+import ast
 import hashlib
+import json
 import math
-import platform
 import re
 import sys
 import time
 import traceback
 import types
 import warnings
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from albedo.errors import InputError
-from albedo.files import atomic_folder, save_csv, save_json
+from albedo.files import atomic_folder, save_csv, save_json, save_text
+from albedo.sources import digest, used, versions
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -51,7 +53,9 @@ __all__ = [
     "StudyFile",
     "compare",
     "discover",
+    "lost_study",
     "run_study",
+    "write_skeleton",
 ]
 
 VERDICTS = ("holds", "holds within", "fails", "depends on the reading", "undecided")
@@ -399,6 +403,60 @@ class StudyFile:
         """Name of the study, which is that of its file."""
         return self.path.stem
 
+    @property
+    def alone(self) -> bool:
+        """Whether it declares that nothing may run beside it; told without executing the file."""
+        try:
+            tree = ast.parse(self.path.read_bytes())
+        except (SyntaxError, ValueError):
+            return False
+        calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
+        return any(
+            isinstance(call.func, ast.Name)
+            and call.func.id == "Study"
+            and any(
+                word.arg == "alone" and isinstance(word.value, ast.Constant) and word.value.value
+                for word in call.keywords
+            )
+            for call in calls
+        )
+
+    def unchanged(self, results: Path, full: bool) -> dict[str, Any] | None:
+        """The record of former results, if running the study again would give the same.
+
+        Parameters
+        ----------
+        results : Path
+            The folder of its results.
+        full : bool
+            The fidelity that is wanted.
+
+        Returns
+        -------
+        dict or None
+            The manifest; None if there is none, if the study failed, or if anything changed: the
+            files that it read, the versions that it ran with, the fidelity, or its own files.
+        """
+        try:
+            manifest = json.loads((results / "manifest.json").read_text(encoding="utf-8"))
+            inputs, outputs = manifest["inputs"], manifest["outputs"]
+            wanted = {"fidelity": "full" if full else "quick", "error": None}
+            if any(manifest[key] != value for key, value in wanted.items()):
+                return None
+            now = versions()
+            if any(inputs[key] != value for key, value in now.items()):
+                return None
+            if inputs["sources_sha256"] != digest(inputs["sources"], self.path.parent):
+                return None
+            for name, sha in outputs.items():
+                if hashlib.sha256((results / name).read_bytes()).hexdigest() != sha:
+                    return None
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            # What is no record of this version is no record.
+            return None
+        found: dict[str, Any] = manifest
+        return found
+
     def try_load(self) -> tuple[LoadedStudy | None, str]:
         """Read the file, whatever is wrong with it.
 
@@ -409,7 +467,7 @@ class StudyFile:
         error : str
             What is wrong with it otherwise.
         """
-        with _Caught() as caught:
+        with _Caught() as caught, beside(self.path.parent):
             return self.load(), ""
         return None, f"{type(caught.error).__name__}: {caught.error}"
 
@@ -526,6 +584,54 @@ def discover(folder: Path | None = None) -> list[StudyFile]:
     return [StudyFile(path) for path in found]
 
 
+def write_skeleton(name: str, folder: Path | None = None) -> Path:
+    """Write a study that runs, to be changed into one's own.
+
+    Parameters
+    ----------
+    name : str
+        Of the study and its file.
+    folder : Path, optional
+        Of studies, ``./studies`` by default; created when missing.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    InputError
+        If the name cannot be one, or is taken.
+    """
+    if not _NAME.match(name):
+        raise InputError(
+            f"'{name}' cannot name a study; use small letters, digits and underscores, with a "
+            "letter first."
+        )
+    path = (Path("studies") if folder is None else folder) / f"{name}.py"
+    if path.exists():
+        raise InputError(f"The study '{path}' is there already; name another one.")
+    source = Path(__file__).parent / "templates" / "study.py.txt"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    save_text(source.read_text(encoding="utf-8").replace("@NAME@", name), path)
+    return path
+
+
+@contextmanager
+def beside(folder: Path) -> Iterator[None]:
+    """Let a study import the modules that lie in its folder."""
+    place, writes = str(folder.resolve()), sys.dont_write_bytecode
+    sys.path.insert(0, place)
+    # Bytecode tells an edit by its second: what runs could be older than what is hashed.
+    sys.dont_write_bytecode = True
+    try:
+        yield
+    finally:
+        sys.path.remove(place)
+        sys.dont_write_bytecode = writes
+
+
 class _Caught:
     """Keep what went wrong inside the block; an interruption goes through."""
 
@@ -550,7 +656,6 @@ def run_study(
     *,
     full: bool = False,
     progress: Progress | None = None,
-    finish: Callable[[Path, dict[str, Any]], None] | None = None,
     keep_failure: bool = False,
 ) -> Result:
     """Run one study and keep its results, complete or not at all.
@@ -565,9 +670,6 @@ def run_study(
         Full fidelity instead of quick.
     progress : callable, optional
         Called with steps done, steps in all and a text.
-    finish : callable, optional
-        Called with the folder and the manifest before the results get their final name, to add
-        what is made from them.
     keep_failure : bool
         Put the record of a failure in the place of former results; otherwise these stay.
 
@@ -582,11 +684,7 @@ def run_study(
         If the place of the results is taken by something else.
     """
     target = out / file.name
-    if target.exists() and not (target / "manifest.json").is_file():
-        raise InputError(
-            f"'{target}' is there and holds no results of a study; name another folder with -o, "
-            "or move it away, as it would be replaced."
-        )
+    check_place(target)
     began = time.perf_counter()
     result: Result | None = None
     with suppress(_Dropped), atomic_folder(target) as folder:
@@ -594,7 +692,11 @@ def run_study(
         question, source_sha256 = "", ""
         background: tuple[str, ...] = ()
         context = Context(study=study, folder=folder, full=full, _progress=progress)
-        with _Caught() as caught, warnings.catch_warnings(record=True) as warned:
+        with (
+            _Caught() as caught,
+            beside(file.path.parent),
+            warnings.catch_warnings(record=True) as warned,
+        ):
             warnings.simplefilter("always")
             loaded = file.load()
             question, background = loaded.question, loaded.background
@@ -607,42 +709,117 @@ def run_study(
                     f"Study '{file.name}' declares the claim {', '.join(missing)} and does not "
                     "measure it."
                 )
-        manifest = {
-            "study": {
-                "name": file.name,
-                "title": context.study.title,
-                "question": question,
-                "background": list(background),
-                "paper": context.study.paper,
-                "figure": context.study.figure,
-                "claims": list(context.study.claims),
-                "alone": context.study.alone,
-            },
-            "fidelity": "full" if full else "quick",
-            "inputs": {"source": file.path.name, "source_sha256": source_sha256, **_versions()},
-            "error": None if caught.error is None else _describe(caught.error, file.path),
-            "notes": context._notes,
-            "claims": context._claims,
-            "explanations": context._explained,
-            "settings": context._settings,
-            "figures": context._figures,
-            "tables": context._tables,
-            "warnings": sorted({f"{w.category.__name__}: {w.message}" for w in warned}),
-            "outputs": {
-                path.name: hashlib.sha256(path.read_bytes()).hexdigest()
-                for path in sorted(folder.iterdir())
-            },
-            "seconds": round(time.perf_counter() - began, 3),
-        }
+        sources = used(file.path.parent)
+        manifest = _record(
+            *(context, file, full, sources, time.perf_counter() - began),
+            question=question,
+            background=list(background),
+            source_sha256=source_sha256,
+            error=None if caught.error is None else _describe(caught.error, file.path),
+            warned=sorted({f"{w.category.__name__}: {w.message}" for w in warned}),
+        )
         kept = caught.error is None or keep_failure
         result = Result(file.name, target if kept else None, manifest)
         if not kept:
             raise _Dropped
         save_json(manifest, folder / "manifest.json")
-        if finish is not None:
-            finish(folder, manifest)
     assert result is not None
     return result
+
+
+def _record(
+    context: Context,
+    file: StudyFile,
+    full: bool,
+    sources: Sequence[str],
+    seconds: float,
+    *,
+    question: str = "",
+    background: Sequence[str] = (),
+    source_sha256: str = "",
+    error: dict[str, str] | None,
+    warned: Sequence[str] = (),
+) -> dict[str, Any]:
+    """The manifest: what went in and what came out."""
+    study = context.study
+    return {
+        "study": {
+            "name": file.name,
+            "title": study.title,
+            "question": question,
+            "background": list(background),
+            "paper": study.paper,
+            "figure": study.figure,
+            "claims": list(study.claims),
+            "alone": study.alone,
+        },
+        "fidelity": "full" if full else "quick",
+        "inputs": {
+            "source": file.path.name,
+            "source_sha256": source_sha256,
+            **versions(),
+            "sources": list(sources),
+            "sources_sha256": digest(sources, file.path.parent),
+        },
+        "error": error,
+        "notes": context._notes,
+        "claims": context._claims,
+        "explanations": context._explained,
+        "settings": context._settings,
+        "figures": context._figures,
+        "tables": context._tables,
+        "warnings": list(warned),
+        "outputs": {
+            path.name: hashlib.sha256(path.read_bytes()).hexdigest()
+            for path in sorted(context.folder.iterdir())
+        },
+        "seconds": round(seconds, 3),
+    }
+
+
+def lost_study(
+    file: StudyFile,
+    out: Path,
+    message: str,
+    seconds: float,
+    *,
+    full: bool = False,
+    keep_failure: bool = False,
+) -> Result:
+    """Put on record that a study ended without saying why.
+
+    Parameters
+    ----------
+    file, out, full, keep_failure
+        As for `run_study`.
+    message : str
+        What is known.
+    seconds : float
+        How long it had run.
+
+    Returns
+    -------
+    Result
+        A failure.
+    """
+    error = {"kind": "ProcessEnded", "message": message, "where": file.path.name}
+    target = out / file.name
+    with suppress(_Dropped), atomic_folder(target) as folder:
+        context = Context(Study(name=file.name, title=file.name), folder, full)
+        manifest = _record(context, file, full, (), seconds, error=error)
+        if not keep_failure:
+            raise _Dropped
+        save_json(manifest, folder / "manifest.json")
+    return Result(file.name, target if keep_failure else None, manifest)
+
+
+def check_place(target: Path) -> None:
+    """Refuse to replace what is no result of a study."""
+    if target.exists() and not (target / "manifest.json").is_file():
+        raise InputError(
+            f"'{target}' is there and holds no results of a study; name another folder with -o, "
+            "or move it away, as it would be replaced."
+        )
 
 
 class _Dropped(Exception):
@@ -664,27 +841,4 @@ def _describe(error: Exception | SystemExit, path: Path) -> dict[str, str]:
         "kind": type(error).__name__,
         "message": str(error) or type(error).__name__,
         "where": "\n".join(frames) or path.name,
-    }
-
-
-def _versions() -> dict[str, str]:
-    import numba
-    import numpy
-    import scipy
-
-    import albedo
-
-    package = Path(albedo.__file__).parent
-    sha = hashlib.sha256()
-    for source in sorted(package.rglob("*.py")):
-        sha.update(source.relative_to(package).as_posix().encode())
-        sha.update(source.read_bytes())
-    return {
-        "albedo": albedo.__version__,
-        "albedo_sha256": sha.hexdigest(),
-        "python": platform.python_version(),
-        "numpy": numpy.__version__,
-        "scipy": scipy.__version__,
-        "numba": numba.__version__,
-        "machine": platform.machine(),
     }

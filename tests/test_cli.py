@@ -312,8 +312,8 @@ def test_studies_from_the_command_line(tmp_path, monkeypatch):
     assert result.exit_code == 1
     assert "reports/build/index.html" in result.stdout
     assert "broken: failed" in result.stderr
-    assert "did not finish" in (tmp_path / "reports/build/broken/index.html").read_text()
-    assert "holds" in (tmp_path / "reports/build/lambert/index.html").read_text()
+    assert "did not finish" in (tmp_path / "reports/build/studies/broken/index.html").read_text()
+    assert "holds" in (tmp_path / "reports/build/studies/lambert/index.html").read_text()
     assert run("study", "run", "broken", "lambert", "-o", "out").exit_code == 1
 
 

@@ -162,7 +162,24 @@ OutputOption = Annotated[
 
 
 FullOption = Annotated[
-    bool, typer.Option("--full", help="Full fidelity, which may take long, instead of quick.")
+    bool, typer.Option("--full/--quick", help="Full fidelity, which may take long, or quick.")
+]
+
+
+JobsOption = Annotated[
+    int | None,
+    typer.Option(
+        "-j",
+        "--jobs",
+        min=1,
+        help="How many studies run at a time; those that take times run alone.",
+        show_default="as many as there are cores",
+    ),
+]
+
+
+AgainOption = Annotated[
+    bool, typer.Option("--again", help="Run what did not change since the last run as well.")
 ]
 
 

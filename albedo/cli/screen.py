@@ -14,9 +14,11 @@ import typer
 if TYPE_CHECKING:
     import numpy as np
     from rich.console import Console
+    from rich.progress import Progress, TaskID
     from rich.table import Table
 
     from albedo.grammar import Spec
+    from albedo.studies import Result
 
 
 @contextmanager
@@ -45,12 +47,58 @@ def progress(what: str, total: int | None) -> Iterator[Callable[[int, int], None
         yield lambda done, total: update(completed=done, total=total)
 
 
+class StudyScreen:
+    """Shows studies while they run, on stderr where it is a terminal, and says what each found."""
+
+    def __init__(self, say: Callable[[Result, bool], None], bars: Progress | None) -> None:
+        self._say, self._bars = say, bars
+        self._tasks: dict[str, TaskID] = {}
+        self._all = None if bars is None else bars.add_task("studies", total=None)
+
+    def begun(self, name: str) -> None:
+        if self._bars is not None:
+            self._tasks[name] = self._bars.add_task(f"  {name}", total=None)
+
+    def step(self, name: str, done: int, total: int, text: str) -> None:
+        if self._bars is not None:
+            words = f"  {name} {text}".rstrip()
+            self._bars.update(
+                self._tasks[name], completed=done, total=total or None, description=words
+            )
+
+    def left(self, finished: int, total: int, seconds: float) -> None:
+        if self._bars is not None and self._all is not None:
+            words = f"{finished} of {total} studies, {_about(seconds)} left"
+            self._bars.update(self._all, completed=finished, total=total, description=words)
+
+    def ended(self, result: Result, kept: bool) -> None:
+        if self._bars is not None and result.name in self._tasks:
+            self._bars.remove_task(self._tasks.pop(result.name))
+        self._say(result, kept)
+
+
+def _about(seconds: float) -> str:
+    if seconds < 90.0:
+        return f"about {max(5.0 * round(seconds / 5.0), 5.0):.0f} s"
+    return f"about {seconds / 60.0:.0f} min"
+
+
 @contextmanager
-def study_progress(what: str) -> Iterator[Callable[[int, int, str], None]]:
-    with _bar(what, None) as update:
-        yield lambda done, total, text: update(
-            completed=done, total=total, description=f"{what} {text}".strip()
-        )
+def study_screen(say: Callable[[Result, bool], None]) -> Iterator[StudyScreen]:
+    """Yield what shows running studies; ``say(result, kept)`` prints what one found."""
+    if not sys.stderr.isatty():
+        yield StudyScreen(say, None)
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(bar_width=20),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
+        yield StudyScreen(say, bars)
 
 
 @contextmanager

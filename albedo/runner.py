@@ -1,0 +1,283 @@
+"""Runs studies, several at a time, each in a process of its own, and none that is unchanged.
+
+A process of its own means that what a study read is known exactly: it is run again when one of
+these files changed, and only then. Studies that take times run with nothing beside them.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import multiprocessing
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import Any, Protocol
+
+from albedo._threads import threads
+from albedo.errors import InputError
+from albedo.sources import watch
+from albedo.studies import Result, StudyFile, check_place, lost_study, run_study
+
+__all__ = ["Screen", "run_studies"]
+
+# What no former run tells: a quick and a full study take about so many seconds.
+_USUAL = {False: 4.0, True: 60.0}
+# A process that was asked to stop leaves no scraps behind; one that does not is made to.
+_PATIENCE = 20.0
+_INTERRUPTED = 130
+_PRELOADED = ["numpy", "pandas", "scipy.special", "numba", "matplotlib.backends.backend_agg"]
+
+
+class Screen(Protocol):
+    """What shows how far the studies are."""
+
+    def begun(self, name: str) -> None:
+        """A study was started."""
+
+    def step(self, name: str, done: int, total: int, text: str) -> None:
+        """A study is so far."""
+
+    def left(self, finished: int, total: int, seconds: float) -> None:
+        """So many studies are finished; the others take about so long."""
+
+    def ended(self, result: Result, kept: bool) -> None:
+        """A study is finished, or need not be run again."""
+
+
+@dataclass
+class _Task:
+    """A study in a process."""
+
+    file: StudyFile
+    process: BaseProcess
+    pipe: Connection
+    began: float
+    result: Result | None = None
+
+
+def run_studies(
+    files: Sequence[StudyFile],
+    out: Path,
+    *,
+    full: bool = False,
+    jobs: int | None = None,
+    again: bool = False,
+    keep_failure: bool = False,
+    screen: Screen | None = None,
+) -> list[Result]:
+    """Run studies; those of which nothing changed since they were run are kept as they are.
+
+    A study that fails does not stop the others. What is finished when the run is interrupted
+    stays, and is not run again by the next call.
+
+    Parameters
+    ----------
+    files : sequence of StudyFile
+        The studies.
+    out : Path
+        Folder in which each has a folder of results.
+    full : bool
+        Full fidelity instead of quick.
+    jobs : int, optional
+        How many run at a time; as many as there are cores unless given.
+    again : bool
+        Run all of them, whether anything changed or not.
+    keep_failure : bool
+        Put the record of a failure in the place of former results; otherwise these stay.
+    screen : Screen, optional
+        What shows how far they are.
+
+    Returns
+    -------
+    list of Result
+        One for every study, failures included, in the order of the files.
+
+    Raises
+    ------
+    InputError
+        If the place of some results is taken by something else.
+    """
+    cores = threads()
+    jobs = cores if jobs is None else jobs
+    if jobs < 1:
+        raise InputError(f"jobs is {jobs}; at least one study has to run at a time.")
+    results: dict[str, Result] = {}
+    costs: dict[str, float] = {}
+    for file in files:
+        target = out / file.name
+        check_place(target)
+        manifest = None if again else file.unchanged(target, full)
+        if manifest is not None:
+            results[file.name] = Result(file.name, target, manifest)
+            if screen is not None:
+                screen.ended(results[file.name], True)
+        else:
+            costs[file.name] = _former_seconds(target, full)
+    known = [seconds for seconds in costs.values() if math.isfinite(seconds)]
+    usual = sum(known) / len(known) if known else _USUAL[full]
+    costs = {name: s if math.isfinite(s) else usual for name, s in costs.items()}
+    # The longest first, so that none is left over at the end; last those that take times.
+    todo = sorted(
+        (file for file in files if file.name in costs),
+        key=lambda file: (file.alone, -costs[file.name], file.name),
+    )
+    running: list[_Task] = []
+    lost = partial(_lost, out=out, full=full, keep=keep_failure)
+    try:
+        while todo or running:
+            while todo and _may_begin(todo[0], running, jobs):
+                file = todo.pop(0)
+                shared = 1 if file.alone else min(jobs, len(todo) + len(running) + 1)
+                running.append(_begin(file, out, full, keep_failure, max(1, cores // shared)))
+                if screen is not None:
+                    screen.begun(file.name)
+            for task in _listen(running, screen, lost):
+                running.remove(task)
+                assert task.result is not None
+                results[task.file.name] = task.result
+                if screen is not None:
+                    screen.ended(task.result, False)
+            if screen is not None:
+                left = [costs[file.name] for file in todo if not file.alone]
+                left += [costs[t.file.name] - time.monotonic() + t.began for t in running]
+                alone = sum(costs[file.name] for file in todo if file.alone)
+                seconds = alone + sum(max(s, 0.0) for s in left) / min(jobs, max(len(left), 1))
+                screen.left(len(results), len(files), seconds)
+    finally:
+        _stop(running)
+    return [results[file.name] for file in files]
+
+
+def _former_seconds(target: Path, full: bool) -> float:
+    """How long a study took the last time, whatever has changed since; infinite if unknown."""
+    try:
+        manifest = json.loads((target / "manifest.json").read_text(encoding="utf-8"))
+        if manifest["fidelity"] == ("full" if full else "quick"):
+            return float(manifest["seconds"])
+    except (OSError, ValueError, KeyError, TypeError):
+        pass
+    return math.inf
+
+
+def _may_begin(file: StudyFile, running: list[_Task], jobs: int) -> bool:
+    if file.alone or any(task.file.alone for task in running):
+        return not running
+    return len(running) < jobs
+
+
+def _begin(file: StudyFile, out: Path, full: bool, keep_failure: bool, share: int) -> _Task:
+    # Forking a process that has no threads and knows the heavy libraries saves their import.
+    forks = "forkserver" in multiprocessing.get_all_start_methods()
+    multiprocessing.set_forkserver_preload(_PRELOADED)
+    ours, theirs = multiprocessing.Pipe()
+    # What forks was started once, with the environment of that time.
+    own = {key: value for key, value in os.environ.items() if key.startswith("ALBEDO_")}
+    own.setdefault("ALBEDO_THREADS", str(share))
+    work: dict[str, Any] = {"target": _work, "args": (file, out, full, keep_failure, own, theirs)}
+    if forks:
+        process: BaseProcess = multiprocessing.get_context("forkserver").Process(**work)
+    else:
+        process = multiprocessing.get_context("spawn").Process(**work)
+    process.start()
+    theirs.close()
+    return _Task(file, process, ours, time.monotonic())
+
+
+def _work(
+    file: StudyFile,
+    out: Path,
+    full: bool,
+    keep_failure: bool,
+    environment: dict[str, str],
+    pipe: Connection,
+) -> None:
+    """Run a study in this process, and tell the other how it goes."""
+    watch()
+    for key in [key for key in os.environ if key.startswith("ALBEDO_")]:
+        del os.environ[key]
+    os.environ.update(environment)
+    said = 0.0
+
+    def progress(done: int, total: int, text: str) -> None:
+        nonlocal said
+        # Nobody reads more than a few of them in a second.
+        if time.monotonic() - said > 0.1:
+            said = time.monotonic()
+            pipe.send(("step", (done, total, text)))
+
+    try:
+        result = run_study(file, out, full=full, progress=progress, keep_failure=keep_failure)
+    except InputError as error:
+        pipe.send(("refused", str(error)))
+    except (KeyboardInterrupt, BrokenPipeError):
+        # The one who asked for this stopped, and says so.
+        sys.exit(_INTERRUPTED)
+    else:
+        pipe.send(("result", result))
+
+
+def _listen(
+    running: list[_Task], screen: Screen | None, lost: Callable[[_Task], Result]
+) -> list[_Task]:
+    """Wait until something is heard; return the tasks that ended."""
+    ended = []
+    heard = wait([task.pipe for task in running], timeout=0.5)
+    for task in running:
+        if task.pipe not in heard:
+            continue
+        try:
+            word, said = task.pipe.recv()
+        except EOFError:
+            task.process.join()
+            if task.process.exitcode == _INTERRUPTED:
+                raise KeyboardInterrupt from None
+            task.result = lost(task)
+        else:
+            if word == "refused":
+                raise InputError(said)
+            if word == "step":
+                if screen is not None:
+                    screen.step(task.file.name, *said)
+                continue
+            task.result = said
+        task.process.join()
+        task.pipe.close()
+        ended.append(task)
+    return ended
+
+
+def _lost(task: _Task, out: Path, full: bool, keep: bool) -> Result:
+    """The result of a study whose process ended without one."""
+    code = task.process.exitcode or 0
+    how = f"signal {-code}" if code < 0 else f"status {code}"
+    message = f"The process of the study ended with {how}."
+    seconds = time.monotonic() - task.began
+    return lost_study(task.file, out, message, seconds, full=full, keep_failure=keep)
+
+
+def _stop(running: list[_Task]) -> None:
+    """Interrupt what still runs, and wait until its scraps are gone."""
+    for task in running:
+        with suppress(ProcessLookupError):
+            if task.process.pid is not None and task.process.is_alive():
+                # Windows knows no interruption of one process.
+                if os.name == "nt":
+                    task.process.terminate()
+                else:
+                    os.kill(task.process.pid, signal.SIGINT)
+    end = time.monotonic() + _PATIENCE
+    for task in running:
+        task.process.join(max(end - time.monotonic(), 0.1))
+        if task.process.is_alive():
+            task.process.kill()
+            task.process.join()
+        task.pipe.close()
