@@ -1,8 +1,8 @@
 """Compares two runs of studies by value: what is new lies within the bounds of what was kept.
 
 Hashes inform and do not judge: last digits differ between processors. Values with errors agree
-within both errors, numbers without to nine digits or to what the study allows, and times are
-not compared. Of claims, values and verdicts agree.
+within both errors, numbers without to nine digits or to what the study allows, times in their
+ranking only. Of claims, values and verdicts agree.
 """
 
 from __future__ import annotations
@@ -26,6 +26,8 @@ __all__ = ["Comparison", "Difference", "compare_runs"]
 # Values without an error are printed by other libraries, or come out of a few roundings.
 _DIGITS = 1e-9
 _SKIPPED = ("_evaluations",)
+# Times of what took three times as long keep their order, but for some that were disturbed.
+_APART, _TURNED = 3.0, 0.02
 
 
 @dataclass(frozen=True)
@@ -44,8 +46,8 @@ class Comparison:
 
     Attributes
     ----------
-    studies, columns, values, claims : int
-        How many were compared.
+    studies, columns, values, claims, rankings : int
+        How many were compared; of columns of times only the ranking of their rows.
     files, same_bytes : int
         Tables, and how many of them are the same to the last byte.
     differences : list of Difference
@@ -56,6 +58,7 @@ class Comparison:
     columns: int = 0
     values: int = 0
     claims: int = 0
+    rankings: int = 0
     files: int = 0
     same_bytes: int = 0
     differences: list[Difference] = field(default_factory=list)
@@ -148,13 +151,12 @@ def _claims(
     for old, fresh in zip(kept, new, strict=True):
         found.claims += 1
         place = f"{name}: {old['id']} {old.get('reading', '')}".strip()
-        kinds = [kind_of(claim["verdict"]) for claim in (old, fresh)]
-        # Times that nearly agree may come out either way; what was certain stays certain.
-        unsure = fresh.get("machine") and not {"holds", "fails"} <= set(kinds)
-        if kinds[0] != kinds[1] and not unsure:
-            yield Difference(f"{place}, verdict", kinds[0], kinds[1], "the same verdict")
+        # Claims about times are about this machine; the tables have the ranking.
         if fresh.get("machine"):
             continue
+        kinds = [kind_of(claim["verdict"]) for claim in (old, fresh)]
+        if kinds[0] != kinds[1]:
+            yield Difference(f"{place}, verdict", kinds[0], kinds[1], "the same verdict")
         before, after = (float(claim["value"]) for claim in (old, fresh))
         allowed = float(old["error"]) + float(fresh["error"]) + _slack(before, after)
         if not (before == after or abs(before - after) <= allowed):
@@ -177,6 +179,15 @@ def _table(
     if len(kept) != len(new):
         yield Difference(f"{place}, rows", str(len(kept)), str(len(new)), "the same number")
         return
+    for column in about.get("machine", ()):
+        if column not in kept.columns or kept[column].dtype.kind not in "fiu":
+            continue
+        found.rankings += 1
+        pairs, turned = _ranking(*(frame[column].to_numpy(dtype=float) for frame in (kept, new)))
+        if turned > _TURNED * pairs:
+            said = f"{turned} of {pairs} the other way round"
+            allowed = f"{100 * _TURNED:g} % of them"
+            yield Difference(f"{place}, {column}, order", f"{pairs} pairs", said, allowed)
     for column in kept.columns:
         stem = column.removesuffix("_error")
         companion = column != stem and stem in kept.columns
@@ -185,6 +196,14 @@ def _table(
         found.columns += 1
         found.values += len(kept)
         yield from _column(f"{place}, {column}", column, kept, new, about.get("loose", {}))
+
+
+def _ranking(kept: np.ndarray, new: np.ndarray) -> tuple[int, int]:
+    """Pairs of rows that differed several times over, and how many of them changed their order."""
+    with np.errstate(invalid="ignore"):
+        ahead = kept[:, None] > _APART * kept[None, :]
+        turned = ahead & (new[:, None] < new[None, :])
+    return int(ahead.sum()), int(turned.sum())
 
 
 def _column(

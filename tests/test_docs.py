@@ -146,7 +146,7 @@ def test_findings_are_measured_again(finding: str) -> None:
         printed = output([word for word in arguments if word != "--csv"])
         measured += intervals(printed)
     for name in re.findall(r"albedo study run (\w+)", finding):
-        manifest = json.loads((ROOT / f"reports/full/{name}/manifest.json").read_text("utf-8"))
+        manifest = json.loads((ROOT / f"reports/studies/{name}/manifest.json").read_text("utf-8"))
         measured += intervals(" ".join(manifest["notes"]))
     stated = intervals(re.sub(r"```.*?```", "", finding, flags=re.DOTALL))
     assert stated
@@ -155,7 +155,7 @@ def test_findings_are_measured_again(finding: str) -> None:
 
 
 def test_committed_results_are_what_their_manifest_says() -> None:
-    for path in (ROOT / "reports" / "full").glob("*/manifest.json"):
+    for path in (ROOT / "reports" / "studies").glob("*/manifest.json"):
         manifest = json.loads(path.read_text(encoding="utf-8"))
         assert manifest["fidelity"] == "full"
         for name, digest in manifest["outputs"].items():
