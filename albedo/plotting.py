@@ -7,6 +7,7 @@ lives and dies with its variable and nothing needs a display.
 from __future__ import annotations
 
 import os
+import re
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -189,7 +190,7 @@ def new_figure(
     return figure, panels
 
 
-def save_figure(figure: Figure, path: str | os.PathLike[str]) -> Path:
+def save_figure(figure: Figure, path: str | os.PathLike[str], *, compact: bool = False) -> Path:
     """Write a figure as PNG, SVG or PDF; the same figure gives the same bytes.
 
     Parameters
@@ -198,12 +199,17 @@ def save_figure(figure: Figure, path: str | os.PathLike[str]) -> Path:
         The figure.
     path : path
         File that ends in ``.png``, ``.svg`` or ``.pdf``.
+    compact : bool
+        For sites of many figures: a PNG of 256 colours, chosen for it, and an SVG whose coordinates
+        are rounded to hundredths of a point; half the bytes, and nothing that an eye would miss.
 
     Returns
     -------
     Path
         The file.
     """
+    from matplotlib import rc_context
+
     target = check_output(path, SUFFIXES)
     kind = target.suffix.lower()[1:]
     # Dates and tool versions would make equal figures differ in their bytes.
@@ -213,9 +219,32 @@ def save_figure(figure: Figure, path: str | os.PathLike[str]) -> Path:
         "pdf": ("CreationDate", "Creator", "Producer"),
     }
     metadata: dict[str, Any] = dict.fromkeys(unset[kind])
-    with style(), atomic_file(target) as temporary:
+    # Points that no eye would miss: a tenth of a dot beside the line at most.
+    look: dict[Any, Any] = {"path.simplify": compact, "path.simplify_threshold": 0.1}
+    with style(), rc_context(look), atomic_file(target) as temporary:
         figure.savefig(temporary, format=kind, metadata=metadata)
+        if compact and kind == "png":
+            _fewer_colors(temporary)
+        elif compact and kind == "svg":
+            _fewer_decimals(temporary)
     return target
+
+
+def _fewer_colors(path: Path) -> None:
+    from PIL import Image
+
+    with Image.open(path) as image:
+        dots = image.info.get("dpi")
+        plain = image.convert("RGB")
+    few = plain.quantize(256, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+    few.save(path, format="PNG", optimize=True, dpi=dots)
+
+
+def _fewer_decimals(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    text = re.sub(r"(?<![\w.])-?\d+\.\d{4,}(?![\w.])", lambda m: f"{float(m[0]):.2f}", text)
+    text = re.sub(r"<!--.*?-->", "", text)
+    path.write_text(re.sub(r"\s*\n\s*", "\n", text), encoding="utf-8")
 
 
 def angle_grid() -> np.ndarray:

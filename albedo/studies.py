@@ -195,6 +195,8 @@ class Context:
     ) -> None:
         """Keep a table as CSV, every float in the shortest form that reads back exactly.
 
+        Errors, in columns called ``x_error``, are rounded up to three digits.
+
         Where a column ``x`` has a companion ``x_error``, the report prints the two as one number
         with its uncertainty, and it leaves out ``x_evaluations``; the CSV has them all.
 
@@ -217,7 +219,7 @@ class Context:
         unknown = [column for column in (*machine, *loose) if column not in frame.columns]
         if unknown:
             raise InputError(f"The table '{name}' has no column {', '.join(unknown)}.")
-        save_csv(frame, self.folder / f"{name}.csv")
+        save_csv(_errors_rounded_up(frame), self.folder / f"{name}.csv")
         self._tables.append(
             {
                 "name": name,
@@ -244,7 +246,7 @@ class Context:
 
         self._claim_name(name)
         for suffix in (".png", ".svg"):
-            save_figure(figure, self.folder / f"{name}{suffix}")
+            save_figure(figure, self.folder / f"{name}{suffix}", compact=True)
         self._figures.append(
             {"name": name, "svg": f"{name}.svg", "png": f"{name}.png", "caption": caption}
         )
@@ -582,6 +584,28 @@ def discover(folder: Path | None = None) -> list[StudyFile]:
             "underscore; run this in a folder that has ./studies, or name one with --studies-dir."
         )
     return [StudyFile(path) for path in found]
+
+
+def _errors_rounded_up(frame: pd.DataFrame) -> pd.DataFrame:
+    """The table with errors of three digits, none of them smaller than it was."""
+
+    def up(error: float) -> float:
+        if not 0.0 < error < math.inf:
+            return error
+        rounded = float(f"{error:.2e}")
+        # The next number of three digits is a hundredth of the leading digit away.
+        if rounded < error:
+            rounded = float(f"{error + 10.0 ** (math.floor(math.log10(error)) - 2):.2e}")
+        return max(rounded, error) if math.isfinite(rounded) else error
+
+    columns = {
+        name: [up(float(error)) for error in frame[name]]
+        for name in frame.columns
+        if name.endswith("_error")
+        and name.removesuffix("_error") in frame.columns
+        and frame[name].dtype.kind == "f"
+    }
+    return frame.assign(**columns) if columns else frame
 
 
 def write_skeleton(name: str, folder: Path | None = None) -> Path:
