@@ -70,7 +70,7 @@ def run(context: Context) -> None:
     judge_largest(context, found)
     context.progress(2, 4, "the gap below r(k)")
     gaps = measure_gaps(exponents, found, 65 if context.full else 17)
-    context.table("gaps", gaps, "Smallest r - R over all directions, at both ends of R_s")
+    context.table("gaps", gaps, "Smallest r - R over all angles, at both ends of R_s")
     judge_gaps(context, gaps)
     context.progress(3, 4, "large exponents")
     tangents = np.geomspace(1e-5, 1e6, 133 if context.full else 45)
@@ -178,12 +178,15 @@ def measure_gaps(exponents: tuple[float, ...], found: pd.DataFrame, steps: int) 
         model = lobe(n_u, n_v, r_s=0.0)
         cosines = grid
         turns = np.linspace(0.0, 0.5 * math.pi, 1 if model.isotropic else 5)
-        for _ in range(3):
+        for _ in range(4):
             dark = albedo.directional_albedo(model, cosines[:, None], turns, rtol=1e-8, atol=1e-10)
             bound = fresnel.reflectance("schlick", 0.5 * cosines, f0=0.0)[:, None]
             gap = bound - dark.value
             i, j = (int(k) for k in np.unravel_index(int(np.argmin(gap)), gap.shape))
-            least = float(gap[i, j]), float(dark.error[i, j]) + 1e-15
+            near = gap[max(i - 1, 0) : i + 2, j]
+            # Where the gap is convex it is no farther below than a neighbour is above.
+            more = float(near.max() - near.min()) if 0 < i < cosines.size - 1 else 0.0
+            least = float(gap[i, j]), float(dark.error[:, j].max()) + more
             share = float(dark.value[i, j] / bound[i, 0])
             at, phi = float(cosines[i]), float(turns[j])
             # Closer in between the neighbours.

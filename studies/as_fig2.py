@@ -102,7 +102,8 @@ def run(context: Context) -> None:
         draw(pictures, spheres),
         "Spheres of radiance a(V) before a background of 1: R_s = 1, no diffuse term; grey is "
         "linear in the radiance, outlines are thin lines. u is horizontal and v vertical at the "
-        "centres, whose albedos are printed. Interpolation between tabulated directions is off by less than "
+        "centres, whose albedos are printed. Between tabulated directions the picture is off by "
+        "less than "
         f"{float(spheres['interpolated_to'].max()):.0e} at any direction that was tried.",
     )
     readings = alternatives(2**18 if context.full else 2**14)

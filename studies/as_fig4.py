@@ -298,8 +298,8 @@ def note(
     )
     context.explain(
         "A7",
-        "For every angle that is not grazing the lobe reflects all but F times about "
-        "sqrt(2/(pi n)) tan(θ) of the light, so that as n grows the albedo tends to R_s + "
+        "At every angle that is not grazing the lobe loses about F sqrt(2/(pi n)) tan(θ) of the "
+        "light, so that as n grows the total albedo tends to R_s + "
         f"(1 - R_s)(1 + (1 - c)^5 - (1 - c/2)^5), whose minimum is {shown(end, 'inside')} at "
         f"{float(end['inside_at_deg']):.1f}°: the paper's 74 percent near the edge. At a given n "
         "the last of the half sphere, where cos θ is not large against 1/sqrt(n), is darker than "
