@@ -223,8 +223,8 @@ def judge(context: Context, frame: pd.DataFrame) -> None:
         f"{format_value(blinn['distance'], blinn['distance_error'])} at {blinn['theta_deg']:.2f}°, "
         f"while that to cos² θ is {format_value(square['distance'], square['distance_error'])}. "
         "The statement would be right for the lobe over v.h, which is how a density of half "
-        "vectors becomes one of views. That narrow lobes need to be pumped up is not touched by this: "
-        "Blinn's loses the more.",
+        "vectors becomes one of views. What the paper concludes is not touched by this: Blinn's "
+        "narrow lobe loses the more, and needs pumping-up as much.",
     )
 
 
