@@ -180,12 +180,13 @@ def of_pair(frame: pd.DataFrame, name: str, power: int) -> pd.DataFrame:
 def phong_at_grazing(n: float) -> float:
     """(n + 2)/(2 pi) B((n + 1)/2, 3/2): Phong's albedo at grazing incidence.
 
-    The ratio of the two gamma functions of half-integer distance is scipy's Pochhammer symbol,
-    which does not subtract logarithms of the size of n.
+    In more digits than a float has, as logarithms of gamma functions of the size of n are
+    subtracted.
     """
-    from scipy.special import poch
+    import mpmath
 
-    return (n + 2.0) / (4.0 * math.sqrt(math.pi)) / float(poch(0.5 * n + 0.5, 1.5))
+    with mpmath.workdps(40):
+        return float((n + 2.0) / (2.0 * mpmath.pi) * mpmath.beta(0.5 * (n + 1.0), 1.5))
 
 
 def judge(context: Context, frame: pd.DataFrame) -> None:
