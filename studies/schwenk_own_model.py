@@ -216,9 +216,9 @@ def judge_energy(context: Context, whole: pd.DataFrame, lobe: pd.DataFrame) -> N
         "A diffuse term that reflects C leaves 1 - C for the highlight, whatever its colour. The "
         "highlight takes no part of it away: with k = 0, as by default, J_d is C for every "
         "smoothness, and what is no metal has F0 = 1. The highlight alone reflects "
-        f"{format_value(top['max_albedo'], top['max_albedo_error'])} at most for C = 1, "
-        f"of the settings (s = {top['smoothness']:g}). A saturated colour can have C' = C/lum(C) far above 1, and F0 "
-        f"with it: {red['color']} reaches "
+        f"{format_value(top['max_albedo'], top['max_albedo_error'])} at most for C = 1, of the "
+        f"settings looked at (s = {top['smoothness']:g}). A saturated colour can have C' = "
+        f"C/lum(C) far above 1, and F0 with it: {red['color']} reaches "
         f"{format_value(red['max_albedo'], red['max_albedo_error'])} by its highlight (s = "
         f"{red['smoothness']:g}, m = {red['metalness']:g}).",
     )
