@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 STUDY = Study(
     name="cost",
     title="What an evaluation costs",
-    paper="Schwenk, A Survey of Shading Models for Real-time Rendering",
+    paper="S",
     claims=("S15",),
 )
 

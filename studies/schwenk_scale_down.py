@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 STUDY = Study(
     name="schwenk_scale_down",
     title="What the steps of Schwenk's scale-down lose",
-    paper="Schwenk, A Survey of Shading Models for Real-time Rendering",
+    paper="S",
     claims=("S16",),
 )
 

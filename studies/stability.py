@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 STUDY = Study(
     name="stability",
     title="Digits that are right at the extremes",
-    paper="Schwenk, A Survey of Shading Models for Real-time Rendering",
+    paper="S",
     claims=("S13", "S17"),
 )
 
@@ -139,15 +139,30 @@ def judge_rational_lobes(context: Context, printed: pd.DataFrame) -> None:
     """S13: as printed, and in slopes."""
     rows = printed[(printed["formula"] == "Schlick's Z") & (printed["width"] == 1e-2)]
     rows = rows.set_index("form")
-    for form, said in (("printed", "as printed, in n.h"), ("slopes", "in slopes")):
+    for form, said in (("printed", "the formula as printed"), ("slopes", "the function itself")):
         context.claim(
             "S13",
-            f"Schlick's rational lobe {said} suffers numerically in float32.",
+            "Schlick's rational lobe suffers numerically in float32.",
             value=float(rows.loc[form, "lost_float32"]),
             error=COUNTED,
             criterion=f"> {SUFFERS:g}",
             quantity="decimal digits lost near the peak, of 7.2, for r = 1e-4",
+            reading=said,
+            figure="printed_figure",
+            table="printed",
         )
+    lost = rows["lost_float32"]
+    context.explain(
+        "S13",
+        "Near its peak Z = r/(1 - (1 - r) t²)² has a denominator of the order of r, the difference "
+        "of 1 and a number near 1: rounding t = n.h to float32, by 6e-8, changes it by 1.2e-7, "
+        "which for r = 1e-4 is a relative 1e-3, and the square doubles that. "
+        f"{lost['printed']:.1f} digits of 7.2 are lost. So the warning is right for the formula. "
+        "It is not the function that suffers: with the slope of H, s² = (1 - t²)/t², which the "
+        "components of an unnormalised H give without a difference, "
+        "Z = ((1 + s²)/(r + s²))² r, all terms positive, and "
+        f"{lost['slopes']:.1f} digits are lost.",
+    )
 
 
 def judge_denominators(context: Context, ward: pd.DataFrame) -> None:
@@ -162,6 +177,8 @@ def judge_denominators(context: Context, ward: pd.DataFrame) -> None:
             error=COUNTED,
             criterion=f"> {SUFFERS:g}",
             quantity="decimal digits lost in the lobe, m = 1e-8 to 10, cos θ = 1e-3 to 1e-12",
+            figure="ward_figure",
+            table="models",
         )
     # The same at every incidence, and from longer differences.
     jumps = [slope_jump(c, step) for c in (0.5, 0.1, 1e-3, 1e-6) for step in (1e-20, 1e-18)]
@@ -173,6 +190,21 @@ def judge_denominators(context: Context, ward: pd.DataFrame) -> None:
         error=spread,
         criterion="> 0",
         quantity="jump of d ln f/d(n.v), times n.l",
+        figure="ward_figure",
+        table="models",
+    )
+    context.explain(
+        "S17",
+        "A product, a root and a quotient are each rounded correctly, so 1/sqrt(n.l n.v) has a "
+        "relative error of a few roundings however small the cosines: it grows without bound, but "
+        "does not cancel, and at cosines down to 1e-12 it is far from overflow in float32 too. "
+        f"Ward's model loses {least['float64']:.1f} digits in float64 and {least['float32']:.1f} "
+        "in float32 at most, which is what its exponential costs. Trouble there is where a cosine is "
+        "0 or already wrong: n.l from a dot product of rounded vectors has an absolute error of "
+        "1e-7 in float32, all of a cosine of 1e-7. And f itself is unbounded, which a frame buffer "
+        "may not hold. The other half of the statement is right: 1/max(n.l, n.v) is finite but "
+        "where both vanish, and the relative derivative jumps by "
+        f"{format_value(jumps[0], spread)}/(n.l) where they are the same.",
     )
     context.note(
         f"In its lobe Ward's model, which divides by sqrt(n.l n.v), loses {least['float64']:.1f} "

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 STUDY = Study(
     name="stability_search",
     title="The worst case: a search for lost digits",
-    paper="Schwenk, A Survey of Shading Models for Real-time Rendering",
+    paper="S",
 )
 
 SEED = 0
