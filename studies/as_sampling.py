@@ -269,7 +269,7 @@ def explain_losses(context: Context, losses: pd.DataFrame) -> None:
             f"{format_value(last['to_max'], last['to_max_error'])} ({ratio:.4f}) at {angle:g}°"
         )
         more = group[group["below_horizon"] > 0.5 * group["lost"]]
-        main.append(f"{more['n'].max():.2g} at {angle:g}°")
+        main.append(f"{more['n'].max():.3g} at {angle:g}°")
     context.explain(
         "A10",
         "A draw has the weight n.k2/max(n.k1, n.k2), so there are two losses: k2 below the "
