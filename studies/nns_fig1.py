@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 STUDY = Study(
     name="nns_fig1",
     title="Four albedos against the angle of incidence",
-    paper=("Neumann, Neumann, Szirmay-Kalos, Reflectance Models by Pumping up the Albedo Function"),
+    paper="NNS",
     figure="Figure 1",
     claims=("N2",),
 )
@@ -45,12 +45,17 @@ CURVES = (
 )
 # The models of which the paper says that their albedo badly decreases, and how it is read here.
 DECREASING = ("phong", "he_torrance", "he_torrance_diffuse", "ward")
+READINGS = {
+    "he_torrance": "with the mirror term",
+    "he_torrance_diffuse": "without the mirror term",
+}
 BADLY = 0.5
 
 
 def run(context: Context) -> None:
     """Compute the curves on both axes, and judge the decrease."""
     rtol = 1e-10 if context.full else 1e-8
+    context.setting(rtol=rtol)
     smallest = 1e-12 if context.full else 1e-6
     angles = evaluate(context, plotting.angle_grid(), rtol, "angles")
     grazing = evaluate(context, plotting.grazing_grid(smallest), rtol, "grazing angles")
@@ -69,16 +74,18 @@ def run(context: Context) -> None:
         context.note(sentence)
     draw(context, angles, grazing, smallest, crossing)
 
-    for column, label, _, _ in CURVES:
+    labels = {spec: label for _, label, spec, part in CURVES if part is None}
+    for column, _, spec, _ in CURVES:
         if column in DECREASING:
             value, error = relative_minimum(angles[column])
             context.claim(
                 "N2",
-                f"{label}: the albedo badly decreases for larger angles of incidence.",
+                f"{labels[spec]}: the albedo badly decreases for larger angles of incidence.",
                 value=value,
                 error=error,
                 criterion=f"< {BADLY}",
                 quantity="lowest albedo on the axis of the figure, over that at normal incidence",
+                reading=READINGS.get(column, ""),
             )
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 STUDY = Study(
     name="nns_fig3",
     title="Phong, recursively pumped up",
-    paper="Neumann, Neumann, Szirmay-Kalos, Reflectance Models by Pumping up the Albedo Function",
+    paper="NNS",
     figure="Figure 3",
     claims=("N6", "N8"),
 )

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 STUDY = Study(
     name="nns_fig4",
     title="Blinn, recursively pumped up",
-    paper="Neumann, Neumann, Szirmay-Kalos, Reflectance Models by Pumping up the Albedo Function",
+    paper="NNS",
     figure="Figure 4",
     claims=("N6", "N8"),
 )

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 STUDY = Study(
     name="nns_fig6",
     title="Blinn, pumped up under control",
-    paper="Neumann, Neumann, Szirmay-Kalos, Reflectance Models by Pumping up the Albedo Function",
+    paper="NNS",
     figure="Figure 6",
     claims=("N9", "N10"),
 )

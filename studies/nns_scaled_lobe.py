@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 STUDY = Study(
     name="nns_scaled_lobe",
     title="Lafortune's lobe scaled along the normal",
-    paper=("Neumann, Neumann, Szirmay-Kalos, Reflectance Models by Pumping up the Albedo Function"),
+    paper="NNS",
     claims=("N15",),
 )
 
@@ -45,6 +45,7 @@ _EPS = float(np.finfo(float).eps)
 def run(context: Context) -> None:
     """Albedos against the angle and against s, radiance in the plane of incidence, verdicts."""
     rtol = 1e-10 if context.full else 1e-8
+    context.setting(rtol=rtol)
     cosines = plotting.angle_grid()
     curves: dict[tuple[float, float], Estimate] = {}
     for done, n in enumerate(EXPONENTS):

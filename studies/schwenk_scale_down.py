@@ -26,7 +26,7 @@ from albedo.directions import half_vector, spherical
 from albedo.estimate import format_value
 from albedo.fresnel import schlick
 from albedo.geometry import normal_power, slope2, v_dot_h
-from albedo.studies import Criterion, Study
+from albedo.studies import Study
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -37,12 +37,14 @@ if TYPE_CHECKING:
 STUDY = Study(
     name="schwenk_scale_down",
     title="What the steps of Schwenk's scale-down lose",
-    paper="Schwenk, A Survey of Shading Models for Real-time Rendering",
+    paper="S",
     claims=("S16",),
+    alone=True,
 )
 
 LITTLE = 0.05
 """A mean relative change below this is little."""
+EVERY, HALF = "at every setting", "at half of the settings"
 
 STEPS = {
     1: "Fresnel's factor dropped",
@@ -79,13 +81,17 @@ def at_level(level: int, **values: Any) -> Model:
 
 def run(context: Context) -> None:
     """Measure all steps, judge the claim, and draw them."""
+    context.setting(rtol_radiance=1e-3, rtol_albedo=1e-6, lowest_cosine=LOWEST)
     frame = changes(context)
-    context.table("changes", frame, "What every step changes, at every setting")
+    # A maximum is flat: where it is found is known to half of the digits only.
+    places = [c for c in frame if c.endswith(("_cos_light", "_cos_view", "_deg_from_mirror"))]
+    context.table("changes", frame, "What every step changes, at every setting", machine=places)
     summary = summarised(frame)
     context.table(
         "summary",
         summary,
         f"Steps over all settings: how often their mean relative change is below {LITTLE:g}",
+        machine=[c for c in summary if c.endswith("_cos_light")],
     )
     costs = measured_costs(200 if context.full else 40)
     context.table(
@@ -93,6 +99,7 @@ def run(context: Context) -> None:
         costs,
         "Nanoseconds for a value of the BRDF, on this machine in this run: medians and quartiles "
         "of rounds in turn; what a step saves is the median of differences within a round",
+        machine=[c for c in costs if c not in ("kernel", "level")],
     )
     judge(context, summary, frame)
     say(context, summary, costs)
@@ -217,43 +224,65 @@ def judge(context: Context, summary: pd.DataFrame, frame: pd.DataFrame) -> None:
                 criterion=f"< {LITTLE:g}",
                 quantity="mean relative change, largest of all settings: "
                 + row[f"{kind}_relative_at"],
+                reading=EVERY,
+                figure="steps_figure",
+                table="summary",
             )
     alone = steps_alone(summary)
     column = max(("radiance_relative", "albedo_relative"), key=lambda name: alone[name].max())
     _, value, error = largest(steps_alone(frame), column)
-    context.claim(
+    medians = [
+        middle(steps_alone(frame), step, f"{kind}_relative")
+        for step in STEPS
+        for kind in ("radiance", "albedo")
+    ]
+    for reading, found, doubt in (
+        (EVERY, value, error),
+        (HALF, *max(medians, key=lambda pair: pair[0] + pair[1])),
+    ):
+        context.claim(
+            "S16",
+            "Every step loses little.",
+            value=found,
+            error=doubt,
+            criterion=f"< {LITTLE:g}",
+            quantity="mean relative change, largest of radiance and albedo, steps and settings"
+            if reading == EVERY
+            else "median of the settings of the mean relative change, largest of radiance and "
+            "albedo and of all steps",
+            reading=reading,
+            figure="steps_figure",
+            table="summary",
+        )
+    explain(context, summary)
+
+
+def middle(frame: pd.DataFrame, step: int, column: str) -> tuple[float, float]:
+    """The median over settings of what a step changes; no error moves it by more than the most."""
+    rows = frame[frame["to_level"] == step]
+    return float(rows[column].median()), float(rows[f"{column}_error"].max())
+
+
+def explain(context: Context, summary: pd.DataFrame) -> None:
+    """What each step takes from the formula, and where that is much."""
+
+    def told(step: int) -> str:
+        row = of_pair(summary, step - 1, step)
+        most = max(float(row[f"{kind}_relative"]) for kind in ("radiance", "albedo"))
+        median = max(float(row[f"{kind}_median"]) for kind in ("radiance", "albedo"))
+        return f"{most:.2g} at most and {median:.2g} in the median of the settings"
+
+    context.explain(
         "S16",
-        "Every step loses little.",
-        value=value,
-        error=error,
-        criterion=overall(summary),
-        quantity="mean relative change, largest of radiance and albedo, steps and settings",
-    )
-
-
-def overall(summary: pd.DataFrame) -> Criterion:
-    """Little at every setting, at half of them, or not even there; and which steps it is."""
-    steps = steps_alone(summary).set_index("to_level")
-    kinds = ("radiance", "albedo")
-    medians = {k: max(float(steps.loc[k, f"{kind}_median"]) for kind in kinds) for k in STEPS}
-    tops = {k: max(float(steps.loc[k, f"{kind}_relative"]) for kind in kinds) for k in STEPS}
-    said = "; ".join(f"step {k}: median {medians[k]:.2g}, at most {tops[k]:.2g}" for k in STEPS)
-
-    def decide(value: float, error: float) -> str:
-        if value + error < LITTLE:
-            return f"holds, {said}"
-        if value - error <= LITTLE:
-            return f"undecided: the error bound reaches across the limit; {said}"
-        large = [k for k in STEPS if medians[k] >= LITTLE]
-        if not large:
-            return f"depends on the reading: at half of the settings, yes; at all, no; {said}"
-        listed = ", ".join(map(str, large))
-        return f"fails, at more than half of the settings for step {listed}; {said}"
-
-    return Criterion(
-        f"< {LITTLE:g} at every setting; where only the median of the settings is below, it "
-        "depends on the reading",
-        decide,
+        "The mean relative change of radiance or albedo, whichever is larger, is the measure. "
+        "Without Fresnel's factor F0 + (1 - F0)(1 - v.h)^5 is F0 = 1 - m + m C', which for what is "
+        f"no metal is 1 either way: {told(1)}, little indeed. 1/(v.h) is 1 in the highlight of "
+        "light along the normal, but 1/cos θ in the mirror direction of light at θ: "
+        f"{told(2)}. C for C' = C/lum(C) makes a metal's highlight darker, by the factor lum(C) "
+        f"for m = 1: {told(3)}. The last step takes the whole highlight away: {told(4)}. Little is "
+        "lost where the highlight holds little of the light: on rough surfaces and, as the lobe is "
+        "not normalised, on the smoothest ones. In between, and for saturated colours most of all, "
+        "every step but the first can be seen.",
     )
 
 

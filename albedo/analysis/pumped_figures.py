@@ -21,6 +21,7 @@ LIGHTS = (30.0, 60.0, 80.0)
 
 # What one would see of a highlight beside the mirror direction.
 SEEN = 1.01
+BRIGHT, BESIDE = "brighter than a mirror", "brightest beside the mirror direction"
 
 
 def recursive(context: Context, model: Model, name: str) -> None:
@@ -36,6 +37,7 @@ def recursive(context: Context, model: Model, name: str) -> None:
         What it is called in sentences.
     """
     rtol = 1e-11 if context.full else 1e-10
+    context.setting(rtol=rtol)
     steps = 2 * STEPS if context.full else STEPS
     cosines = pumping.default_cosines(context.full)
     data = pumping.series(model, steps, cosines=cosines, rtol=rtol, advance=context.progress)
@@ -145,7 +147,11 @@ def _claim_recursive(
         error=error,
         criterion="> 1",
         quantity="largest output radiance over all angles, over that at normal incidence",
+        reading=BRIGHT,
+        figure="peaks_figure",
+        table="peaks",
     )
+    at, top, doubt = pumping.most(*peaks.relative(STEPS))
     _, value, error = pumping.most(*peaks.beside_mirror(STEPS))
     context.claim(
         "N8",
@@ -155,6 +161,21 @@ def _claim_recursive(
         error=error,
         criterion=f"> {SEEN}",
         quantity="largest output radiance over that in the mirror direction, at worst",
+        reading=BESIDE,
+        figure="radiance_figure",
+        table="peaks",
+    )
+    context.explain(
+        "N8",
+        "After k steps f_k is the lobe f_0 over the product of all max(a_j(L), a_j(V)), j < k. In "
+        "the mirror direction R the lobe is largest, and the divisor, nowhere below the product of "
+        "the a_j(L), is just that, as a_j(R) = a_j(L). So whatever the number of steps, R is the "
+        f"brightest direction for every L: the ratio is {format_value(value, error)}, and no peak "
+        "lies beside R. What does grow is the peak itself. Over the lobe's at normal incidence it "
+        "is N.L over the product of the a_j(L), and passes 1 once that product falls below the "
+        f"cosine. Here it is up to {format_value(top, doubt)} after {STEPS} steps, at "
+        f"{np.degrees(np.arccos(peaks.cosines[at])):.1f}°. So the warning of a surface that is too "
+        "bright holds; where it is brightest is the mirror direction of its light.",
     )
 
 
@@ -190,6 +211,7 @@ def controlled(
         The step from which on the largest gain is noted.
     """
     steps = 20 if context.full else STEPS - 1
+    context.setting(rtol=1e-10)
     found = {}
     for control in READINGS:
         cosines = pumping.default_cosines(context.full)
@@ -233,6 +255,7 @@ def controlled(
         _say_controlled(context, data, peaks, control, gains_from)
     for control, (data, peaks) in found.items():
         _claim_controlled(context, data, peaks, name, control, worth)
+    _explain_controlled(context, {control: data for control, (data, _) in found.items()}, name)
 
 
 def _named(context: Context, control: str) -> pumping.Advance:
@@ -281,7 +304,6 @@ def _claim_controlled(
     control: str,
     worth: tuple[str, str],
 ) -> None:
-    reading = f"({control}: {READINGS[control]})"
     relative = [peaks.relative(k) for k in peaks.found if k > 0]
     _, value, error = pumping.most(
         np.concatenate([ratio for ratio, _ in relative]),
@@ -289,13 +311,15 @@ def _claim_controlled(
     )
     context.claim(
         "N9",
-        f"The output radiance of {name} never exceeds that of an ideal mirror with the same blur "
-        f"{reading}.",
+        f"The output radiance of {name} never exceeds that of an ideal mirror with the same blur.",
         value=value,
         error=error,
         criterion=pumping.at_most(1.0),
         quantity=f"largest output radiance after up to {data.steps} steps, over the base's at "
         "normal incidence",
+        reading=control,
+        figure=f"radiance_{control}_figure",
+        table=f"peaks_{control}",
     )
     half = int(np.argmin(np.abs(data.cosines - 0.5)))
     lost, doubts = 1.0 - data.value[:, half], data.error[:, half]
@@ -304,19 +328,70 @@ def _claim_controlled(
     share = float(lost[k] / lost[k - 1])
     context.claim(
         "N10",
-        f"The albedo of {name} converges to a limit below 1 {reading}.",
+        f"The albedo of {name} converges to a limit below 1.",
         value=share,
         error=float((doubts[k] + share * doubts[k - 1]) / (lost[k - 1] - doubts[k - 1])),
         criterion=f"> {ARRIVED}",
         quantity=f"share of 1 - a at 60 degrees that step {k} of {data.steps} leaves",
+        reading=control,
+        figure=f"albedo_{control}_figure",
+        table=f"albedo_{control}",
     )
     last, doubt = pumping.worthwhile(data)
     context.claim(
         "N10",
-        f"{worth[0]} {reading}.",
+        f"{worth[0]}.",
         value=float(last),
         error=float(doubt),
         criterion=worth[1],
         quantity=f"last of {data.steps} steps that raises the albedo anywhere by more than "
         f"{pumping.VISIBLE:g}",
+        reading=control,
+        figure=f"albedo_{control}_figure",
+        table=f"steps_{control}",
+    )
+
+
+def _explain_controlled(context: Context, found: dict[str, pumping.Series], name: str) -> None:
+    """Why the control of eq. 21 controls nothing when it is taken step by step."""
+    literal, cumulative = found["literal"], found["cumulative"]
+    below = literal.cosines - literal.value
+    # The steps before which the albedo is somewhere below the cosine.
+    controls = [
+        k
+        for k in range(literal.steps + 1)
+        if np.any(below[k] > literal.error[k] + 4.0 * np.finfo(float).eps)
+    ]
+    first = controls[-1] + 1 if controls else 0
+    worst = ", ".join(f"{float(below[k].max()):.2g} (step {k})" for k in controls)
+    held = (
+        "from the start"
+        if first == 0
+        else f"from step {first} on, and before less by up to {worst}"
+    )
+    half = int(np.argmin(np.abs(literal.cosines - 0.5)))
+    ends = [
+        format_value(data.value[-1, half], data.error[-1, half]) for data in (literal, cumulative)
+    ]
+    last, _ = pumping.worthwhile(literal)
+    context.explain(
+        "N9",
+        "Taken literally, eq. 21 keeps each divisor from falling below max(N.L, N.V), but not the "
+        f"product of several. The albedo of {name} is no less than cos θ {held}. Then the cosines "
+        "are never again the largest of the four numbers: each further step is one of recursive "
+        "pumping-up, and the radiance in the mirror "
+        "direction, the lobe's at normal incidence times N.L over the product of all divisors, "
+        "passes 1. If the control is meant for the product of all divisors, that is at least "
+        "max(N.L, N.V), so f N.L is at most the lobe's largest value after any number of steps. It "
+        "is equal to it where the product has come down to N.L, which is why the measured number "
+        "is 1 within its bound.",
+    )
+    context.explain(
+        "N10",
+        "Taken literally nothing stops the steps before an albedo of 1, as the cosines never are "
+        f"the largest number again: after {literal.steps} steps it is {ends[0]} at 60 degrees, "
+        f"and near grazing incidence step {last} still shows. If the product of all divisors is "
+        "kept from falling below max(N.L, N.V), f no longer changes where it has come down to "
+        f"that, and the albedo stops at {ends[1]} at 60 degrees. The number of steps that the "
+        "paper finds worth while is that of this reading.",
     )
