@@ -240,7 +240,9 @@ class _Site:
             files |= {
                 "title": manifest["study"]["title"],
                 "seconds": manifest["seconds"],
-                "figure_name": part["figure"] if part["figure"] in figures else "".join(figures[:1]),
+                "figure_name": part["figure"]
+                if part["figure"] in figures
+                else "".join(figures[:1]),
                 "csv": part["table"] if part["table"] in tables else "".join(tables[:1]),
             }
         return {**part, **files}
@@ -443,7 +445,11 @@ def _kept(site: _Site, name: str, said: Mapping[str, str]) -> list[dict[str, str
         if row is not None and table == "energy":
             quantity += f", at {row['at']}, cos θ = {float(row['cos_theta']):.4g}"
         if row is not None and row["promised"] not in ("yes", "no"):
-            quantity += f" (of {row['promised']} that promise it)"
+            quantity += f"; {row['promised']} promise it"
+            if table == "energy":
+                quantity += f", with at most {_found(site, name, table, 'of_promises')}"
+            else:
+                quantity += ", and are measured"
         kept = "" if row is None else row["kept"]
         found.append(
             {
@@ -641,6 +647,11 @@ def _kind(verdict: str) -> str:
     return max(fitting, key=len, default=verdict)
 
 
+def _rest(verdict: str) -> str:
+    """What a verdict says beyond its kind."""
+    return verdict.removeprefix(_kind(verdict)).lstrip(" :,")
+
+
 def _tone(verdict: str) -> str:
     """CSS class of a verdict."""
     return _LOOKS.get(_kind(verdict), ("open", ""))[0]
@@ -653,7 +664,7 @@ def _sign(verdict: str) -> str:
 
 def _verdicts(claims: list[dict[str, Any]]) -> list[tuple[str, str, int]]:
     """Claims with their verdicts, without the numbers, and how often each is there."""
-    counted = Counter((claim["id"], claim["verdict"].split(":")[0]) for claim in claims)
+    counted = Counter((claim["id"], _kind(claim["verdict"])) for claim in claims)
     return [(id, verdict, count) for (id, verdict), count in counted.items()]
 
 
@@ -677,6 +688,7 @@ def _environment() -> jinja2.Environment:
     environment.filters["tone"] = _tone
     environment.filters["sign"] = _sign
     environment.filters["kind"] = _kind
+    environment.filters["rest"] = _rest
     environment.filters["verdicts"] = _verdicts
     return environment
 

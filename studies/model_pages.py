@@ -11,6 +11,7 @@ the worst of the directions and parameters that were looked at, and no proof for
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -100,7 +101,7 @@ def run(context: Context) -> None:
             found[promise].append({"model": name, **row})
     captions = {
         "reciprocity": "Light and view exchanged: the largest relative difference of two values",
-        "energy": "The largest albedo, of the sets of parameters that promise at most 1 if any do",
+        "energy": "The largest albedo, of all sets of parameters and of those that promise at most 1",
         "horizon": f"Albedo at cos θ = {NEARER:g} over that at {NEAR:g}, at most, of the sets of "
         "parameters that promise a limit if any do",
     }
@@ -251,7 +252,7 @@ def reciprocity(models: Sequence[Model], pairs: int) -> dict[str, Any]:
 
 
 def energy(found: Sequence[Sweep]) -> dict[str, Any]:
-    """The largest albedo of everything that was computed, with its place."""
+    """The largest albedo of everything that was computed, and of what promises at most 1."""
     models = [model for one in found for model in one.models]
     said, held = promised(models, "conserves_energy")
     value = np.concatenate([one.found.value for one in found])
@@ -259,9 +260,9 @@ def energy(found: Sequence[Sweep]) -> dict[str, Any]:
     use = np.repeat(held, [len(one.cosines) for one in found for _ in one.models])
     label = [text for one in found for text in one.labels for _ in one.cosines]
     cosine = np.concatenate([np.tile(one.cosines, len(one.models)) for one in found])
-    top = int(np.argmax(np.where(use, value, -np.inf)))
+    top, asked = int(np.argmax(value)), int(np.argmax(np.where(use, value, -np.inf)))
     # Of places that cannot be told apart the first is named, on every machine the same.
-    at = int(np.flatnonzero(use & (value + error >= value[top] - error[top]))[0])
+    at = int(np.flatnonzero(value + error >= value[top] - error[top])[0])
     sure = bool(np.all(value[use] <= 1.0 + error[use]))
     return {
         "promised": said,
@@ -269,6 +270,8 @@ def energy(found: Sequence[Sweep]) -> dict[str, Any]:
         "largest_error": error[top],
         "at": label[at],
         "cos_theta": cosine[at],
+        "of_promises": math.nan if said == "no" else value[asked],
+        "of_promises_error": math.nan if said == "no" else error[asked],
         "kept": verdict(said, sure, not sure),
     }
 
