@@ -1,8 +1,8 @@
 """The pages of the site: plain HTML with relative links, one style sheet and one small script.
 
-Pages load nothing from elsewhere and are whole without the script, so a site can be mailed, archived
-or opened from the disk. The folder of a site has the studies in ``studies/NAME/``, and here are the
-pages about them: an overview, the claims, one page for every paper and one for every model.
+Pages load nothing from elsewhere and are whole without the script, so a site can be mailed,
+archived or opened from the disk. The folder of a site has the studies in ``studies/NAME/``, and
+here are the pages about them: an overview, the claims, one for every paper and every model.
 """
 
 from __future__ import annotations
@@ -157,6 +157,12 @@ class _Entry:
     def kind(self) -> str:
         """The verdict without its numbers."""
         return _kind(self.verdict)
+
+    @property
+    def words(self) -> str:
+        """What a search looks through."""
+        said = dict.fromkeys(part["statement"] for part in self.parts)
+        return " ".join((self.id, self.says, self.kind, *self.studies, *said))
 
     @property
     def studies(self) -> list[str]:
@@ -373,8 +379,9 @@ def _is_about(manifest: Mapping[str, Any], paper: Paper) -> bool:
 
 
 def _numbers(text: str) -> list[str]:
-    """The numbers of figures in a text such as ``Figures 5 and 6``."""
-    return re.findall(r"\d+[a-z]?\b", text)
+    """The numbers of figures in a text such as ``Figures 5 and 6``, or ``Section 4.2, Fig. 3``."""
+    after = re.split(r"\bfig(?:ures?|s)?\b", text, flags=re.IGNORECASE)[-1]
+    return re.findall(r"\d+[a-z]?\b", after)
 
 
 def _about_model(site: _Site, name: str, kind: type[Model]) -> dict[str, Any]:
@@ -432,7 +439,12 @@ def _found(site: _Site, model: str, table: str, column: str) -> str:
 _PROMISES = (
     ("reciprocal", "reciprocity", "asymmetry", "largest relative difference"),
     ("conserves energy", "energy", "largest", "largest albedo"),
-    ("finite at grazing incidence", "horizon", "growth", "growth over the last three decades"),
+    (
+        "finite at grazing incidence",
+        "horizon",
+        "growth",
+        "albedo at cos θ = 1e-9 over that at 1e-6",
+    ),
 )
 
 
@@ -466,6 +478,14 @@ def _kept(site: _Site, name: str, said: Mapping[str, str]) -> list[dict[str, str
     return [*found, isotropic | rest]
 
 
+_WAYS = {
+    "pairs": "random pairs",
+    "lobe": "views drawn from the lobe",
+    "raw": "random pairs, half vector formed first",
+    "shared": "64 views of each light",
+}
+
+
 @cache
 def _all_costs() -> pd.DataFrame:
     from albedo.analysis.kernel_cost import committed
@@ -479,7 +499,7 @@ def _costs(name: str) -> dict[str, Any]:
     rows = [
         {
             "precision": row["precision"],
-            "way": row["way"],
+            "way": _WAYS.get(row["way"], row["way"]),
             "ns": f"{row['ns']:.3g}",
             "ratio": f"{row['ratio']:.3g}",
             "spread": f"{row['ratio_low']:.3g} to {row['ratio_high']:.3g}",
@@ -551,10 +571,8 @@ def _pieces(text: str) -> list[tuple[bool, str]]:
 
 
 _ACCENT = re.compile(r"\\(?:(['\"`^~])\{?(\w)\}?|([vcu])\{(\w)\})")
-_MARKS = {
-    **{"'": "\u0301", '"': "\u0308", "`": "\u0300", "^": "\u0302", "~": "\u0303"},
-    **{"v": "\u030c", "c": "\u0327", "u": "\u0306"},
-}
+# The combining characters of what TeX calls an accent.
+_MARKS = dict(zip("'\"`^~vcu", "\u0301\u0308\u0300\u0302\u0303\u030c\u0327\u0306", strict=True))
 
 
 def reference(key: str) -> str:

@@ -101,7 +101,7 @@ def run(context: Context) -> None:
             found[promise].append({"model": name, **row})
     captions = {
         "reciprocity": "Light and view exchanged: the largest relative difference of two values",
-        "energy": "The largest albedo, of all sets of parameters and of those that promise at most 1",
+        "energy": "The largest albedo, of all sets of parameters and of those with the promise",
         "horizon": f"Albedo at cos θ = {NEARER:g} over that at {NEAR:g}, at most, of the sets of "
         "parameters that promise a limit if any do",
     }

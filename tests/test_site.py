@@ -8,6 +8,7 @@ import re
 import sys
 from collections.abc import Iterator
 from html.parser import HTMLParser
+from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -258,8 +259,7 @@ def test_pages_are_plain_and_in_order(site: Path) -> None:
         for tag in ("main", "h1", "header", "nav", "footer", "title"):
             assert tags.count(tag) == 1, (path, tag)
         levels = [int(tag[1]) for tag in tags if re.fullmatch("h[1-6]", tag)]
-        steps = zip(levels, levels[1:], strict=False)
-        assert all(lower - upper <= 1 for upper, lower in steps), (path, levels)
+        assert all(lower - upper <= 1 for upper, lower in pairwise(levels)), (path, levels)
         for tag, attrs in page.tags:
             assert not [name for name in attrs if name.startswith("on") or name == "style"]
             if tag == "img":
@@ -400,6 +400,19 @@ def test_models_are_found_in_sentences(text: str, found: list[str]) -> None:
 )
 def test_verdicts_have_kinds(verdict: str, kind: str, rest: str) -> None:
     assert (pages._kind(verdict), pages._rest(verdict)) == (kind, rest)
+
+
+@pytest.mark.parametrize(
+    ("text", "numbers"),
+    [
+        ("2", ["2"]),
+        ("Figures 5 and 6", ["5", "6"]),
+        ("Section 4.2.4, Fig. 3b", ["3b"]),
+        ("", []),
+    ],
+)
+def test_figures_are_known_by_their_numbers(text: str, numbers: list[str]) -> None:
+    assert pages._numbers(text) == numbers
 
 
 def test_references_are_whole_and_readable() -> None:
@@ -638,8 +651,10 @@ def test_claims_are_filtered_by_verdict_and_paper(full: Path, opened: Any) -> No
     assert page.input_value("#kind") == ""
     page.select_option("#paper", "P")
     assert visible(page, ".claim") == 5
-    page.fill("#find", "two")
+    page.fill("#find", "ONE small")
     assert visible(page, ".claim") == 0
+    page.fill("#find", "small")
+    assert visible(page, ".claim") == 1
 
 
 def test_pages_are_whole_without_the_script(full: Path, opened: Any) -> None:
