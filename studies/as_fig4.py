@@ -67,7 +67,13 @@ def run(context: Context) -> None:
     context.table("curves", curves, "Total albedo against the angle of incidence")
     context.progress(1, 3, "minima")
     lows = minima(rtol)
-    context.table("minima", lows, "The lowest total albedo: inside, anywhere, and in an image")
+    context.table(
+        "minima",
+        lows,
+        "The lowest total albedo inside, that of the edge, and the lowest in an image; the last "
+        "row is the limit for each angle",
+        loose={"inside_at_deg": 0.02, "inside_at_radius": 1e-4},
+    )
     found, again = thresholds(41), thresholds(57)
     # What the degree changes, and what a grid of cosines leaves.
     first, last = ((b, abs(a - b) + 1e-6 * b) for a, b in zip(found, again, strict=True))
