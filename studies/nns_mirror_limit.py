@@ -110,7 +110,7 @@ def run(context: Context) -> None:
     )
     context.figure(
         "albedo_figure",
-        draw_albedos(rtol),
+        draw_albedos(),
         "Albedos of both lobes beside cos θ and cos² θ (grey).",
     )
     context.figure(
@@ -296,7 +296,7 @@ def draw_distances(frame: pd.DataFrame) -> Figure:
     return figure
 
 
-def draw_albedos(rtol: float) -> Figure:
+def draw_albedos() -> Figure:
     """Albedos against the angle, a panel for each lobe."""
     dashes: tuple[Any, ...] = ((0, (1.2, 1.4)), (0, (6, 2)), "-")
     cosines = plotting.angle_grid()
@@ -312,7 +312,7 @@ def draw_albedos(rtol: float) -> Figure:
                     label=f"{TARGETS[power]}",
                 )
             for n, dash in zip(DRAWN, dashes, strict=True):
-                found = albedo.directional_albedo(albedo.model(name, n=n), cosines, rtol=rtol)
+                found = albedo.directional_albedo(albedo.model(name, n=n), cosines, rtol=1e-6)
                 axes.plot(
                     *(theta, found.value), color=plotting.color(name), linestyle=dash, linewidth=1.4
                 )

@@ -49,6 +49,8 @@ ROUNDING = 1e-6
 WARD_LIMIT = 0.2
 LEVELS = (0.01, 0.05, 0.1)
 SEED = 0
+# What a curve in a figure is worth.
+DRAWN = 1e-6
 LOBES = {"half_vector": "n.h", "mirror": "r.v"}
 FORMS = {"exact": "tan² in the exponent", "fast": "Ward's fast exponent"}
 
@@ -101,7 +103,7 @@ def phong(context: Context, rtol: float) -> None:
     )
     context.figure(
         "phong_figure",
-        draw_phong(rtol),
+        draw_phong(),
         "Albedo of the modified Phong lobe with k_s = (e + 2)/2, against the angle and, towards "
         "grazing incidence, against the cosine.",
     )
@@ -128,7 +130,8 @@ def columns(frame: pd.DataFrame, name: str) -> tuple[np.ndarray, np.ndarray]:
 def excess(e: float) -> float:
     """(e + 8)/8 over the exact constant, less 1, without a difference of equals next to e = 0.
 
-    (8 (q - 1) + e (2 + q))/((e + 2)(e + 4)) with q = 2^(-e/2).
+    (8 (q - 1) + e (2 + q))/((e + 2)(e + 4)) with q = 2^(-e/2). Next to 0 its terms are 13 times as
+    large as their sum, 64 roundings are a bound.
     """
     less = math.expm1(-0.5 * e * math.log(2.0))
     return (8.0 * less + e * (3.0 + less)) / ((e + 2.0) * (e + 4.0))
@@ -150,7 +153,7 @@ def blinn(context: Context, rtol: float) -> None:
             "common": 0.125 * (exponents + 8.0),
             "exact": [math.pi * normalization(e) for e in exponents],
             "excess": off,
-            "excess_error": 16.0 * _EPS * off,
+            "excess_error": 64.0 * _EPS * off,
             "largest": energy["largest"],
             "largest_error": energy["largest_error"],
             "cos_theta": energy["cos_theta"],
@@ -160,6 +163,8 @@ def blinn(context: Context, rtol: float) -> None:
         "blinn",
         frame,
         "(e + 8)/8 over the exact constant, less 1, and the largest albedo with (e + 8)/8",
+        # For e = 0 the albedo is the same everywhere: rounding decides where it is largest.
+        loose={"cos_theta": 1.0},
     )
     k, value, error = most(*columns(frame, "largest"))
     words = "The factor that keeps the Blinn-Phong lobe's energy is (e + 8)/8."
@@ -178,7 +183,7 @@ def blinn(context: Context, rtol: float) -> None:
         "S2",
         words,
         value=excess(top),
-        error=16.0 * _EPS * excess(top),
+        error=64.0 * _EPS * excess(top),
         criterion=f"<= {EXACTLY}",
         quantity=f"largest relative excess over the exact constant, at e = {top:.4f}",
         reading="as an approximation of the constant, to one percent at every exponent",
@@ -221,7 +226,7 @@ def blinn(context: Context, rtol: float) -> None:
     )
     context.figure(
         "blinn_figure",
-        draw_blinn(frame, top, rtol),
+        draw_blinn(frame, top),
         "Left: relative excess of (e + 8)/8 over the exact constant; the dotted line is 2/e, the "
         f"grey one 1%. Right: albedos with both constants, e = {top:.2f}.",
     )
@@ -445,7 +450,7 @@ def ward_width(level: float, form: str, rtol: float) -> dict[str, float]:
     return {"alpha": found, "alpha_error": 2.0 * max(one, other) / slope + 2e-10}
 
 
-def draw_phong(rtol: float) -> Figure:
+def draw_phong() -> Figure:
     """Albedos at the limit, in degrees and in the cosine."""
     drawn = (0.0, 1.0, 10.0, 100.0, 1e4)
     shades = ("#56B4E9", "#009E73", "#0072B2", "#AA4499", "#222222")
@@ -456,7 +461,7 @@ def draw_phong(rtol: float) -> Figure:
         ):
             x = np.degrees(np.arccos(cosines)) if axes is panels[0] else cosines
             for e, shade, dash in zip(drawn, shades, reversed(_DASHES), strict=True):
-                found = albedo.directional_albedo(albedo.model("phong", n=e), cosines, rtol=rtol)
+                found = albedo.directional_albedo(albedo.model("phong", n=e), cosines, rtol=DRAWN)
                 axes.plot(x, found.value, color=shade, linestyle=dash, label=f"e = {e:g}")
             axes.axhline(1.0, color="#888888", linewidth=0.9, zorder=1.5)
         angle_axis(panels[0])
@@ -478,7 +483,7 @@ def angle_axis(axes: Any) -> None:
     axes.set_xlabel("angle of incidence (degrees)")
 
 
-def draw_blinn(frame: pd.DataFrame, top: float, rtol: float) -> Figure:
+def draw_blinn(frame: pd.DataFrame, top: float) -> Figure:
     """The excess against e, and albedos at the worst e."""
     shade = plotting.color("blinn")
     e = np.geomspace(1e-2, 1e6, 400)
@@ -511,7 +516,7 @@ def draw_blinn(frame: pd.DataFrame, top: float, rtol: float) -> Figure:
         looks = {"n_plus_8": ("(e + 8)/8", _DASHES[1]), "exact": ("exact constant", "-")}
         for name, (label, dash) in looks.items():
             model = albedo.model("blinn", n=top, normalization=name)
-            found = albedo.directional_albedo(model, cosines, rtol=rtol)
+            found = albedo.directional_albedo(model, cosines, rtol=DRAWN)
             theta = np.degrees(np.arccos(cosines))
             axes.plot(theta, found.value, color=shade, linestyle=dash, label=f"albedo, {label}")
         axes.axhline(1.0, color="#888888", linewidth=0.9, zorder=1.5)
@@ -536,7 +541,7 @@ def draw_lewis() -> Figure:
                 albedo.model("lewis", n=e, reading=reading)
                 for reading in ("constant", "per_incidence")
             ]
-            found = albedo.directional_albedo(models[0], cosines, rtol=1e-6)
+            found = albedo.directional_albedo(models[0], cosines, rtol=DRAWN)
             panels[0].plot(
                 *(theta, found.value),
                 color=shade,
@@ -545,7 +550,7 @@ def draw_lewis() -> Figure:
             )
             there, back = models[1].eval(normal, views), models[1].eval(views, normal)
             panels[1].plot(theta, there / back, color=shade, linestyle=dash)
-        found = albedo.directional_albedo(models[1], cosines, rtol=1e-6)
+        found = albedo.directional_albedo(models[1], cosines, rtol=DRAWN)
         panels[0].plot(
             *(theta, found.value), color="#D55E00", linewidth=2.4, label="at every incidence, any e"
         )

@@ -202,7 +202,8 @@ def test_excess_over_the_exact_constant(normal, e):
         )
         constant = 1 / (8 * exact)
         value = (x + 8) / 8 / constant - 1
-        assert abs(normal.excess(e) - value) <= 16 * EPS * abs(value) + mpmath.mpf(10) ** -40
+        # Next to e = 0 the terms are 13 times as large as their sum, with two roundings each.
+        assert abs(normal.excess(e) - value) <= 64 * EPS * abs(value) + mpmath.mpf(10) ** -40
 
 
 def test_common_constant_at_normal_incidence():
