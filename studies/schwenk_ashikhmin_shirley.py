@@ -377,7 +377,7 @@ def draw_diffuse(field: pd.DataFrame, curves: pd.DataFrame) -> Figure:
         figure, (left, right) = plotting.new_figure(2, width=8.6, height=3.7)
         for color, (n, own) in zip(COLORS, field.groupby("n"), strict=True):
             left.plot(own["r_s"], own["room"], color=color, label=f"n = {n:,.0f}")
-        left.plot((0.0, 1.0), (1.0, 0.0), color="#888888", linewidth=0.9, zorder=0.5)
+        left.plot((0.0, 1.0), (1.0, 0.0), color="#888888", linewidth=0.9, zorder=1.2)
         left.set_xlim(0.0, 1.0)
         left.set_ylim(0.0, 1.02)
         left.set_xlabel("R_s")

@@ -306,7 +306,7 @@ def draw_errors(dielectrics: pd.DataFrame, metals: pd.DataFrame) -> Figure:
         right.set_title("metals, eq. 17")
         bottom, top = 1e-4, 0.5
         for axes in (left, right):
-            axes.axhline(CLOSE, color="#777777", linewidth=1.4, zorder=0.5)
+            axes.axhline(CLOSE, color="#777777", linewidth=1.3, zorder=1.2)
             axes.set_yscale("log")
             axes.set_ylim(bottom, top)
         plotting.add_legend(figure, left, lines)
