@@ -41,8 +41,8 @@ STUDY = Study(
 )
 
 SEED = 8
-SAME = 1e-12
-"""A relative difference that roundings of two kernels make."""
+SAME, ROUNDING = 1e-10, 1e-11
+"""Relative differences that roundings of two kernels make, and what they are uncertain by."""
 ONE = 1e-3
 """How far an integral that is to be 1 may be off."""
 # Exponents along x and y, and reflectances at normal incidence.
@@ -78,7 +78,13 @@ def run(context: Context) -> None:
     context.setting(pairs=count, seed=SEED, same=SAME, one=ONE)
     exponents = EXPONENTS + (MORE if context.full else ())
     values = compare_values(exponents, count)
-    context.table("values", values, "Both models, value by value, R_s = 0.05")
+    context.table(
+        "values",
+        values,
+        "Both models, value by value, R_s = 0.05",
+        # Where roundings are largest, each machine has its own place.
+        loose={"n_dot_l": 1.0, "n_dot_v": 1.0},
+    )
     integrals = integrate(exponents)
     context.table("integrals", integrals, "Integrals of the distribution over the hemisphere")
     judge_distribution(context, values, integrals)
@@ -90,6 +96,8 @@ def run(context: Context) -> None:
         "The largest albedo of the lobe over all directions, what room it leaves, and the albedo "
         "with R_d = 1 there with Lambert's terms R_d/π and R_d (1 - R_s)/π; the largest with the "
         "model's own term",
+        # A top may be flat.
+        loose={"at_cos_theta": 1.0},
     )
     curves = grazing_curves(40 if context.full else 16)
     context.table("curves", curves, "Albedos over the angle of incidence, R_s = 0.05, R_d = 1")
@@ -136,8 +144,8 @@ def compare_values(exponents: tuple[tuple[float, float], ...], count: int) -> pd
                     "n_u": n_u,
                     "n_v": n_v,
                     "relative_difference": off,
-                    # Six roundings of G and of the product.
-                    "relative_difference_error": 6.0 * float(np.finfo(float).eps),
+                    # Powers of 1e4 multiply what their bases round.
+                    "relative_difference_error": ROUNDING,
                     "n_dot_l": wi[at, 2],
                     "n_dot_v": wo[at, 2],
                     "largest_g": float(g.max()),
@@ -369,7 +377,7 @@ def draw_diffuse(field: pd.DataFrame, curves: pd.DataFrame) -> Figure:
         figure, (left, right) = plotting.new_figure(2, width=8.6, height=3.7)
         for color, (n, own) in zip(COLORS, field.groupby("n"), strict=True):
             left.plot(own["r_s"], own["room"], color=color, label=f"n = {n:,.0f}")
-        left.plot((0.0, 1.0), (1.0, 0.0), color="#888888", linewidth=0.9, zorder=0.5)
+        left.plot((0.0, 1.0), (1.0, 0.0), color="#888888", linewidth=0.9, zorder=1.2)
         left.set_xlim(0.0, 1.0)
         left.set_ylim(0.0, 1.02)
         left.set_xlabel("R_s")

@@ -42,7 +42,7 @@ RATIOS = (1.0, 2.0, 4.0, 8.0)
 TITLES = {"ashikhmin_shirley": "Ashikhmin-Shirley", "ward": "Ward"}
 LIGHT_DEGREES, LIGHT_AZIMUTH_DEGREES = 50.0, 35.0
 # Radiances over so many decades are told apart.
-DECADES = 5
+DECADES, FAINTEST = 5, 1e-30
 LOWEST = 0.01
 """The smallest cosine of the furnace maps."""
 
@@ -135,7 +135,9 @@ def lobe_maps(size: int) -> pd.DataFrame:
     columns: dict[str, Any] = {"v_x": x, "v_y": y}
     for name in TITLES:
         for ratio in RATIOS:
-            columns[column(name, ratio)] = light[2] * model_of(name, ratio).eval(light, views)
+            found = light[2] * model_of(name, ratio).eval(light, views)
+            # What is fainter still has no digits worth keeping.
+            columns[column(name, ratio)] = np.where(found < FAINTEST, 0.0, found)
     return pd.DataFrame(columns)
 
 

@@ -37,11 +37,12 @@ STUDY = Study(
 SEED = 10
 SAME_VALUE = 1e-10
 """A relative difference that roundings make; powers of n multiply those of their base by n."""
+ROUNDING = 5e-11
+"""What such differences are uncertain by."""
 SAME_ALBEDO = 1e-9
 """A relative difference of albedos that their bounds make."""
 EXPONENTS = (0.0, 1.0, 5.0, 20.0, 150.0, 1e4, 1e6)
 READINGS = {"phong": "reciprocal Phong, (r.v)^n", "phong_original": "Phong's own, (r.v)^n/n.l"}
-EPS = float(np.finfo(float).eps)
 
 
 def run(context: Context) -> None:
@@ -49,7 +50,13 @@ def run(context: Context) -> None:
     count = 90_000 if context.full else 15_000
     context.setting(pairs=count, seed=SEED)
     values = compare_values(count)
-    context.table("values", values, "Values of both models over those of Lafortune's lobe")
+    context.table(
+        "values",
+        values,
+        "Values of both models over those of Lafortune's lobe",
+        # Where roundings are largest, each machine has its own place.
+        loose={"n_dot_l": 1.0, "n_dot_v": 1.0},
+    )
     cosines = plotting.grazing_grid(1e-6, 4 if context.full else 2)
     curves = compare_albedos(cosines, EXPONENTS if context.full else EXPONENTS[::3])
     context.table("albedos", curves, "Albedos of all three, with one constant (n + 2)/(2π)")
@@ -85,7 +92,7 @@ def compare_values(count: int) -> pd.DataFrame:
                     "reading": reading,
                     "n": n,
                     "relative_difference": off,
-                    "relative_difference_error": 4.0 * EPS,
+                    "relative_difference_error": ROUNDING,
                     "n_dot_l": wi[at, 2],
                     "n_dot_v": wo[at, 2],
                 }

@@ -50,7 +50,10 @@ def run(context: Context) -> None:
     rtol = 1e-8 if context.full else 1e-6
     context.setting(pairs=30_000, seed=SEED, rtol=rtol)
     smooth = compare_smooth(30_000)
-    context.table("smooth", smooth, "Both forms at σ = 0 against Lambert's law")
+    # Where roundings are largest, each machine has its own place.
+    places = {"n_dot_l": 1.0, "n_dot_v": 1.0}
+    caption = "Both forms at σ = 0 against Lambert's law"
+    context.table("smooth", smooth, caption, loose=places)
     judge_smooth(context, smooth)
     context.progress(1, 4, "the map")
     field = map_albedos(61 if context.full else 19, 46 if context.full else 13, rtol)
@@ -61,6 +64,8 @@ def run(context: Context) -> None:
         "extremes",
         ends,
         "The largest and smallest albedo of all angles of incidence, and the average, ρ = 1",
+        # A top may be flat.
+        loose={"max_cos_theta": 1.0, "min_cos_theta": 1.0},
     )
     context.progress(3, 4, "figures")
     judge_energy(context, ends)

@@ -69,6 +69,8 @@ def run(context: Context) -> None:
         field,
         f"Where albedos first pass 1, and their largest and smallest values down to n.l = "
         f"{SMALLEST:g}",
+        # Next to the normal an angle is the root of what its cosine is uncertain by.
+        loose={"passes_one_deg": 0.01},
     )
     judge_energy(context, field)
     context.progress(2, 4, "curves")
@@ -78,7 +80,8 @@ def run(context: Context) -> None:
     context.figure(
         "energy_figure",
         draw_energy(field, exponents),
-        "Left: the angle of incidence from which on more is reflected than arrives (f = J/π). "
+        "Left: the cosine from which on, upwards to grazing incidence, more is reflected than "
+        "arrives (f = J/π). "
         "Right: what a white metal reflects at normal incidence; the lobe keeps its height while "
         "it narrows, and nothing is left at s = 1.",
     )
@@ -244,7 +247,7 @@ def draw_energy(field: pd.DataFrame, exponents: pd.DataFrame) -> Figure:
             k = list(SURFACES).index(str(surface))
             seen = group[group["passes_one_at"].notna()]
             left.plot(
-                *(seen["smoothness"], seen["passes_one_deg"]),
+                *(seen["smoothness"], seen["passes_one_at"]),
                 color=COLORS[k],
                 linestyle="-" if k < 2 else "--",
                 marker="o" if k < 2 else "s",
@@ -252,10 +255,10 @@ def draw_energy(field: pd.DataFrame, exponents: pd.DataFrame) -> Figure:
                 label=str(surface),
             )
         left.set_xlim(0.0, 1.01)
-        left.set_ylim(0.0, 92.0)
-        left.set_yticks(np.arange(0.0, 91.0, 15.0))
+        left.set_yscale("log")
+        left.set_ylim(1.5, 1e-6)
         left.set_xlabel("smoothness s")
-        left.set_ylabel("albedo passes 1 at (degrees)")
+        left.set_ylabel("n.l where the albedo passes 1")
         rest = 1.0 - exponents["smoothness"]
         lines = []
         for column, name, line in (("normal_albedo", "all", "-"), ("lobe_share", "lobe", "--")):
