@@ -654,9 +654,12 @@ def _size(svg: Path) -> dict[str, int | None]:
 
 
 def _seconds(value: float) -> str:
+    # Number and unit stay on one line.
     if value < 1:
-        return f"{value * 1000:.0f} ms"
-    return f"{value:.1f} s" if value < 100 else f"{value / 60:.1f} min"
+        return f"{value * 1000:.0f}\N{NO-BREAK SPACE}ms"
+    if value < 100:
+        return f"{value:.1f}\N{NO-BREAK SPACE}s"
+    return f"{value / 60:.1f}\N{NO-BREAK SPACE}min"
 
 
 def _kind(verdict: str) -> str:

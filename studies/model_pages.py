@@ -324,7 +324,7 @@ def draw(name: str, curves: Sequence[Sweep], maps: Sequence[Sweep]) -> Figure:
             plotting.draw_axes(left, drawn, grazing=row == 1)
             image = draw_map(right, field, above=above, grazing=row == 1)
             for axes in (left, right):
-                sparse(axes)
+                sparse(axes, row == 1)
                 axes.set_xlabel("cosine of the angle" if row else "angle of incidence (degrees)")
         figure.legend(
             *left.get_legend_handles_labels(),
@@ -339,19 +339,25 @@ def draw(name: str, curves: Sequence[Sweep], maps: Sequence[Sweep]) -> Figure:
         bar = figure.colorbar(
             image, cax=figure.add_axes(place), extend="max" if above else "neither"
         )
+        bar.set_ticks(np.linspace(0.0, MOST if above else 1.0, 5))
         bar.set_label("directional albedo")
         bar.outline.set_visible(False)
     return figure
 
 
-def sparse(axes: Axes) -> None:
-    """Few ticks on logarithmic axes: every one of them costs as much as a curve."""
-    from matplotlib.ticker import LogLocator, NullLocator
+def sparse(axes: Axes, grazing: bool) -> None:
+    """Few ticks: every one of them costs as much as a curve."""
+    from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
     for axis in (axes.xaxis, axes.yaxis):
         if axis.get_scale() == "log":
             axis.set_major_locator(LogLocator(numticks=5))
             axis.set_minor_locator(NullLocator())
+        else:
+            axis.set_major_locator(MaxNLocator(5))
+    if not grazing:
+        axes.set_xlim(0.0, 90.0)
+        axes.set_xticks(np.arange(0.0, 91.0, 30.0))
 
 
 def draw_map(axes: Axes, field: Sweep, *, above: bool, grazing: bool) -> Any:
@@ -383,9 +389,6 @@ def draw_map(axes: Axes, field: Sweep, *, above: bool, grazing: bool) -> Any:
     if grazing:
         axes.set_xscale("log")
         axes.set_xlim(1.0, float(field.cosines.min()))
-    else:
-        axes.set_xlim(0.0, 90.0)
-        axes.set_xticks(np.arange(0.0, 91.0, 15.0))
     axes.set_ylabel(field.parameter)
     axes.grid(visible=False)
     return image
