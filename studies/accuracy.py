@@ -49,12 +49,17 @@ STYLES = {
 def run(context: Context) -> None:
     """Measure all models, list what is cheapest, and draw fronts."""
     names = list(MODELS) if context.full else list(QUICK)
-    directions, repeats = (64, 9) if context.full else (32, 3)
+    directions, repeats = (64, 9) if context.full else (16, 3)
     context.setting(seed=pareto.SEED, directions=directions, repeats=repeats)
     frames = {}
     for done, name in enumerate(names):
         context.progress(done, len(names), name)
-        frames[name] = pareto.measure(parse(name).model(), directions=directions, repeats=repeats)
+        frames[name] = pareto.measure(
+            parse(name).model(),
+            directions=directions,
+            repeats=repeats,
+            stored=("float64", "float32") if context.full else ("float64",),
+        )
     context.progress(len(names), len(names), "")
     first = ["model", "kind", "detail", "ratio", "worst", "mean", "front"]
     whole = pd.concat([frame.assign(model=name) for name, frame in frames.items()])

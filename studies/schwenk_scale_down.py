@@ -61,7 +61,7 @@ COLORS: dict[str, tuple[float, ...]] = {
 }
 SMOOTHNESS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 1.0)
 METALNESS = (0.0, 0.5, 1.0)
-QUICK_SMOOTHNESS, QUICK_METALNESS = (0.2, 0.5, 0.8, 1.0), (0.0, 1.0)
+QUICK_SMOOTHNESS, QUICK_METALNESS = (0.5, 0.8), (0.0, 1.0)
 QUICK_COLORS = ("grey", "gold")
 
 # The lobes that are drawn: gold's blue channel at 60 degrees.
