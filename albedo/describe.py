@@ -14,9 +14,9 @@ from albedo.catalogue import models
 
 _ENTRY = re.compile(r"^@\w+\{([^,\s]+),\n(.*?)^\}$", re.MULTILINE | re.DOTALL)
 _FIELD = re.compile(r"^  (\w+)\s*= \{(.*?)\},$", re.MULTILINE | re.DOTALL)
-_MARKUP = str.maketrans("", "", "{}")
-_ACCENT = re.compile(r"\\(['\"`^~])\{?(\w)\}?")
-_MARKS = {"'": "\u0301", '"': "\u0308", "`": "\u0300", "^": "\u0302", "~": "\u0303"}
+_ACCENT = re.compile(r"\\(?:(['\"`^~])\{?(\w)\}?|([vcu])\{(\w)\})")
+# The combining characters of what TeX calls an accent.
+_MARKS = dict(zip("'\"`^~vcu", "\u0301\u0308\u0300\u0302\u0303\u030c\u0327\u0306", strict=True))
 
 
 @cache
@@ -44,8 +44,49 @@ def citation(key: str) -> str:
     where = [entry.get(k) for k in ("journal", "booktitle", "publisher", "institution")]
     place = next((text for text in where if text), None)
     line = f"{people}: {entry['title']}. " + (f"{place}, " if place else "") + entry["year"]
-    plain = _ACCENT.sub(lambda found: found[2] + _MARKS[found[1]], " ".join(line.split()))
-    return unicodedata.normalize("NFC", plain).translate(_MARKUP).replace("--", "-")
+    return _plain(line).replace("--", "-")
+
+
+def reference(key: str) -> str:
+    """A source in full: authors, title, where and when.
+
+    Parameters
+    ----------
+    key : str
+        A key of references.bib.
+
+    Returns
+    -------
+    str
+        One line of plain text.
+    """
+    entry = sources()[key]
+    people = []
+    for person in entry["author"].split(" and "):
+        last, _, first = person.partition(", ")
+        people.append(f"{first} {last}".strip())
+    place = next(
+        (entry[k] for k in ("journal", "booktitle", "publisher", "institution") if k in entry), ""
+    )
+    if "volume" in entry:
+        place += f" {entry['volume']}" + (f"({entry['number']})" if "number" in entry else "")
+    if "pages" in entry:
+        place += f", {entry['pages']}"
+    if entry.get("publisher", place) not in place:
+        place += f", {entry['publisher']}"
+    tail = [place, entry.get("address", ""), entry["year"], entry.get("note", "")]
+    line = f"{', '.join(people)}: {entry['title']}. {', '.join(part for part in tail if part)}."
+    if "doi" in entry:
+        line += f" doi:{entry['doi']}"
+    return _plain(line).replace("--", "–")
+
+
+def _plain(line: str) -> str:
+    """A line without its markup."""
+    plain = _ACCENT.sub(
+        lambda hit: (hit[2] or hit[4]) + _MARKS[hit[1] or hit[3]], " ".join(line.split())
+    )
+    return unicodedata.normalize("NFC", re.sub(r"[{}]", "", plain).replace("\\&", "&"))
 
 
 def promises(kind: type[Model]) -> dict[str, str]:

@@ -51,11 +51,11 @@ class Row:
     says: str
     where: str
     verdict: str
-    why: str
-    pending: str
-    parts: tuple[dict[str, Any], ...]
-    explanations: tuple[str, ...]
-    seconds: float
+    why: str = ""
+    pending: str = ""
+    parts: tuple[dict[str, Any], ...] = ()
+    explanations: tuple[str, ...] = ()
+    seconds: float = 0.0
 
     @property
     def kind(self) -> str:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import csv
 import inspect
 import re
-import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -386,7 +385,7 @@ def _numbers(text: str) -> list[str]:
 
 def _about_model(site: _Site, name: str, kind: type[Model]) -> dict[str, Any]:
     """What is known of a model."""
-    from albedo.describe import promises
+    from albedo.describe import promises, reference
 
     figure = f"{name}_figure"
     manifest = site.studies.get(_PAGES)
@@ -568,51 +567,6 @@ def _pieces(text: str) -> list[tuple[bool, str]]:
         if k + 2 < len(parts):
             found.append((True, parts[k + 1] or parts[k + 2]))
     return [(code, piece) for code, piece in found if piece]
-
-
-_ACCENT = re.compile(r"\\(?:(['\"`^~])\{?(\w)\}?|([vcu])\{(\w)\})")
-# The combining characters of what TeX calls an accent.
-_MARKS = dict(zip("'\"`^~vcu", "\u0301\u0308\u0300\u0302\u0303\u030c\u0327\u0306", strict=True))
-
-
-def reference(key: str) -> str:
-    """A source in full: authors, title, where and when.
-
-    Parameters
-    ----------
-    key : str
-        A key of references.bib.
-
-    Returns
-    -------
-    str
-        One line of plain text.
-    """
-    from albedo.describe import sources
-
-    entry = sources()[key]
-    people = []
-    for person in entry["author"].split(" and "):
-        last, _, first = person.partition(", ")
-        people.append(f"{first} {last}".strip())
-    place = next(
-        (entry[k] for k in ("journal", "booktitle", "publisher", "institution") if k in entry), ""
-    )
-    if "volume" in entry:
-        place += f" {entry['volume']}" + (f"({entry['number']})" if "number" in entry else "")
-    if "pages" in entry:
-        place += f", {entry['pages']}"
-    if entry.get("publisher", place) not in place:
-        place += f", {entry['publisher']}"
-    tail = [place, entry.get("address", ""), entry["year"], entry.get("note", "")]
-    line = f"{', '.join(people)}: {entry['title']}. {', '.join(part for part in tail if part)}."
-    if "doi" in entry:
-        line += f" doi:{entry['doi']}"
-    plain = _ACCENT.sub(
-        lambda hit: (hit[2] or hit[4]) + _MARKS[hit[1] or hit[3]], " ".join(line.split())
-    )
-    plain = re.sub(r"[{}]", "", plain).replace("--", "–").replace("\\&", "&")
-    return unicodedata.normalize("NFC", plain)
 
 
 # Pieces of pages ------------------------------------------------------------------------------

@@ -18,7 +18,7 @@ from tools import need, need_module
 
 import albedo
 from albedo import site as pages
-from albedo.describe import sources
+from albedo.describe import reference, sources
 from albedo.files import save_text
 from albedo.ledger import Row
 from albedo.papers import Paper, PaperClaim, PaperFigure
@@ -135,15 +135,14 @@ def made(folder: Path, sources: dict[str, str]) -> list[dict[str, Any]]:
     """Run studies as a report does; returns their manifests."""
     (folder / "files").mkdir()
 
-    def page(where: Path, manifest: dict[str, Any]) -> None:
-        save_text(render_study(where, manifest), where / "index.html")
-
     found = []
     for name, source in sources.items():
         path = folder / "files" / f"{name}.py"
         path.write_text(source)
         out = folder / "site" / "studies"
-        result = run_study(StudyFile(path), out, finish=page, keep_failure=True)
+        result = run_study(StudyFile(path), out, keep_failure=True)
+        assert result.folder is not None
+        save_text(render_study(result.folder, result.manifest), result.folder / "index.html")
         found.append(result.manifest)
     return found
 
@@ -417,11 +416,11 @@ def test_figures_are_known_by_their_numbers(text: str, numbers: list[str]) -> No
 
 def test_references_are_whole_and_readable() -> None:
     for key, entry in sources().items():
-        line = pages.reference(key)
+        line = reference(key)
         assert not set(line) & set("{}\\"), line
         assert entry["year"] in line
         assert "http" not in line
-    line = pages.reference("cook1982")
+    line = reference("cook1982")
     assert line.startswith("Robert L. Cook, Kenneth E. Torrance: A Reflectance Model")
     assert "ACM Transactions on Graphics 1(1), 7–24, 1982. doi:10.1145/357290.357293" in line
 

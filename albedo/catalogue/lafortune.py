@@ -45,8 +45,10 @@ _EXPONENTS = [10.0 ** (0.2 * k) for k in range(32)]
 
 def _normalised(n: float) -> str:
     """The reciprocal Phong lobe, in the grammar of models."""
+    n = float(f"{n:.6g}")
+    # Every digit: the albedo is proportional to the n-th power of c.
     c = ((n + 2.0) / (2.0 * math.pi)) ** (1.0 / n)
-    return f"((-{c:.6g},-{c:.6g},{c:.6g},{n:.6g}))"
+    return f"((-{c!r},-{c!r},{c!r},{n:g}))"
 
 
 class Lafortune(Model):
