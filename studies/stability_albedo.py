@@ -67,6 +67,7 @@ FORMS = {"printed": "as printed", "raw": "in slopes, raw directions", "known": "
 
 def run(context: Context) -> None:
     """Count against golden values, then over all domains, then for lobes as printed."""
+    context.setting(rtol=albedo_digits.DEFAULT, rtol_fine=albedo_digits.FINE)
     golden(context)
     frames = all_models(context)
     summary = pd.concat(
