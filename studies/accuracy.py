@@ -8,6 +8,7 @@ polynomials.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import pandas as pd
@@ -59,6 +60,7 @@ def run(context: Context) -> None:
             directions=directions,
             repeats=repeats,
             stored=("float64", "float32") if context.full else ("float64",),
+            evaluations=math.inf if context.full else 2**15,
         )
     context.progress(len(names), len(names), "")
     first = ["model", "kind", "detail", "ratio", "worst", "mean", "front"]

@@ -90,7 +90,7 @@ def run(context: Context) -> None:
     def follow(spec: str, model: Any) -> Asymptote:
         context.progress(len(found), total, f"albedos of {spec} towards grazing incidence")
         if spec not in found:
-            found[spec] = asymptote(model, rtol=rtol, per_decade=8 if context.full else 4)
+            found[spec] = asymptote(model, rtol=rtol, per_decade=8 if context.full else 2)
         return found[spec]
 
     every = {name: follow(name, model) for name, model in models.items()}

@@ -285,7 +285,7 @@ def energy(context: Context) -> None:
         "What eq. 22 with c = (n + 2)/(2π) reflects beyond 1, at the angle where that is most; "
         "dashed: the expansion about normal incidence.",
     )
-    crossings = [crossing(goal, 1e-7 if context.full else 1e-3) for goal in EXCESSES]
+    crossings = [crossing(goal, 1e-7 if context.full else 1e-2) for goal in EXCESSES]
     context.note(
         "The largest albedo passes 1 by "
         + ", ".join(

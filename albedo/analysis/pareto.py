@@ -43,6 +43,7 @@ def measure(
     directions: int = 64,
     repeats: int = 7,
     stored: Sequence[str] = ("float64", "float32"),
+    evaluations: float = math.inf,
     prices: Prices | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> pd.DataFrame:
@@ -60,6 +61,8 @@ def measure(
         Rounds that medians are of, at least 3.
     stored : sequence of str
         How tables and polynomials may be stored.
+    evaluations : float
+        Ways that evaluate the model more often than this for an entry are left out.
     prices : Prices, optional
         Which decide how finely the albedo is interpolated.
     progress : callable, optional
@@ -91,7 +94,7 @@ def measure(
     ways = [
         way
         for way in AlbedoWays(scene, variant, prices or committed(), pilot).all()
-        if way.made is None or way.detail.split(", ")[1] in stored
+        if way.work <= evaluations and (way.made is None or way.detail.split(", ")[1] in stored)
     ]
     runs = [_run(way, places) for way in ways]
     rows = []
