@@ -12,7 +12,7 @@ import zlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     import numpy as np
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.ticker import LogFormatterSciNotation
 
     from albedo.estimate import Estimate
 
@@ -107,6 +108,11 @@ _STYLE: Any = {
     "xtick.labelsize": 9.5,
     "ytick.labelsize": 9.5,
 }
+
+# Of pictures for a site: dots of an inch, and how far colours of 255 levels may be off, as a root
+# mean square.
+_SCREEN = 120
+_MOST_OFF = 2.0
 
 # More curves than this in one legend cannot be told apart: a sweep then gets a colour scale.
 _MOST_NAMED = 8
@@ -221,30 +227,124 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], *, compact: bool =
     metadata: dict[str, Any] = dict.fromkeys(unset[kind])
     # Points that no eye would miss: a tenth of a dot beside the line at most.
     look: dict[Any, Any] = {"path.simplify": compact, "path.simplify_threshold": 0.1}
+    # Text that a reader can search and a screen reader can read, in place of drawn letters.
+    look |= {"svg.fonttype": "none"} if compact else {}
     with style(), rc_context(look), atomic_file(target) as temporary:
-        figure.savefig(temporary, format=kind, metadata=metadata)
+        _plain_powers(figure)
+        # What is no line in an SVG is a picture of as many dots as a screen shows.
+        dots = _SCREEN if compact and kind == "svg" else _STYLE["savefig.dpi"]
+        figure.savefig(temporary, format=kind, metadata=metadata, dpi=dots)
         if compact and kind == "png":
             _fewer_colors(temporary)
         elif compact and kind == "svg":
-            _fewer_decimals(temporary)
+            _fewer_bytes(temporary)
     return target
 
 
+def save_for_site(figure: Figure, stem: Path) -> None:
+    """Write a figure as compact PNG and SVG; everything is placed once for both.
+
+    Parameters
+    ----------
+    figure : Figure
+        The figure, finished: its layout is fixed.
+    stem : Path
+        Where, without an ending.
+    """
+    if figure.get_layout_engine() is not None:
+        with style():
+            _plain_powers(figure)
+            figure.draw_without_rendering()
+        figure.set_layout_engine("none")
+    for suffix in (".png", ".svg"):
+        save_figure(figure, stem.with_name(f"{stem.name}{suffix}"), compact=True)
+
+
+def _plain_powers(figure: Figure) -> None:
+    """Write powers of ten on logarithmic axes as text: a parser of formulas is slow."""
+    from matplotlib.ticker import LogFormatterSciNotation
+
+    powers = _powers()
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            major, minor = axis.get_major_formatter(), axis.get_minor_formatter()
+            if type(major) is LogFormatterSciNotation:
+                axis.set_major_formatter(powers(labelOnlyBase=major.labelOnlyBase))
+            if type(minor) is LogFormatterSciNotation:
+                axis.set_minor_formatter(powers(labelOnlyBase=minor.labelOnlyBase))
+
+
+@cache
+def _powers() -> type[LogFormatterSciNotation]:
+    """The class of what writes them; matplotlib is loaded when it is needed."""
+    from matplotlib.ticker import LogFormatterSciNotation
+
+    raised = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+    power = re.compile(r"\$\\mathdefault\{(-?)(?:(\d+)\\times)?(\d+)\^\{(-?\d+)\}\}\$")
+
+    class Powers(LogFormatterSciNotation):
+        """10⁻² in place of a formula that says so."""
+
+        def __call__(self, x: float, pos: int | None = None) -> str:
+            text = str(super().__call__(x, pos))
+            found = power.fullmatch(text)
+            if not found:
+                return text
+            sign, factor, base, exponent = found.groups()
+            return f"{sign}{f'{factor} × ' if factor else ''}{base}{exponent.translate(raised)}"
+
+    return Powers
+
+
 def _fewer_colors(path: Path) -> None:
+    """A palette of 64 colours, or of 256 where those are seen to be too few."""
+    import numpy as np
     from PIL import Image
 
     with Image.open(path) as image:
         dots = image.info.get("dpi")
         plain = image.convert("RGB")
-    few = plain.quantize(256, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
-    few.save(path, format="PNG", optimize=True, dpi=dots)
+    for count in (64, 256):
+        few = plain.quantize(count, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+        off = np.asarray(few.convert("RGB"), dtype=float) - np.asarray(plain, dtype=float)
+        if np.sqrt(np.mean(off**2)) < _MOST_OFF:
+            break
+    few.save(path, format="PNG", compress_level=9, dpi=dots)
 
 
-def _fewer_decimals(path: Path) -> None:
+def _fewer_bytes(path: Path) -> None:
+    """Round coordinates, name every style once, and drop names that nothing refers to."""
     text = path.read_text(encoding="utf-8")
-    text = re.sub(r"(?<![\w.])-?\d+\.\d{4,}(?![\w.])", lambda m: f"{float(m[0]):.2f}", text)
+    # Only inside of tags: what lies between them is text that is read.
+    text = re.sub(r"<[^>]*>", lambda tag: _COORDINATE.sub(_hundredths, tag[0]), text)
     text = re.sub(r"<!--.*?-->", "", text)
+    text = re.sub(r" d=\"([^\"]*)\"", lambda m: f' d="{_PATH.sub(_tight, m[1])}"', text)
+    referred = set(re.findall(r"#([\w.-]+)", text))
+    text = re.sub(r'<g id="([^"]*)">', lambda m: m[0] if m[1] in referred else "<g>", text)
+    styles: dict[str, str] = {}
+
+    def named(found: re.Match[str]) -> str:
+        look = found[1].replace(": ", ":").replace("; ", ";")
+        # Where that font is missing, one of nearly the same widths.
+        look = look.replace("'DejaVu Sans'", "'DejaVu Sans',Verdana,sans-serif")
+        return f'class="{styles.setdefault(look, f"s{len(styles)}")}"'
+
+    text = re.sub(r'(?<=\s)style="([^"]*)"', named, text)
+    rules = "".join(f".{name}{{{look}}}\n" for look, name in styles.items())
+    text = text.replace("</style>", f"{rules}</style>", 1)
     path.write_text(re.sub(r"\s*\n\s*", "\n", text), encoding="utf-8")
+
+
+_COORDINATE = re.compile(r"(?<![\w.])-?\d+\.\d{4,}(?![\w.])")
+_PATH = re.compile(r"\s*([MLQCZz])\s*")
+
+
+def _hundredths(found: re.Match[str]) -> str:
+    return f"{float(found[0]):.2f}"
+
+
+def _tight(found: re.Match[str]) -> str:
+    return found[1]
 
 
 def angle_grid() -> np.ndarray:

@@ -34,7 +34,13 @@ _USUAL = {False: 4.0, True: 60.0}
 # A process that was asked to stop leaves no scraps behind; one that does not is made to.
 _PATIENCE = 20.0
 _INTERRUPTED = 130
-_PRELOADED = ["numpy", "pandas", "scipy.special", "numba", "matplotlib.backends.backend_agg"]
+_BLAS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
+_PRELOADED = [
+    *("numpy", "pandas", "numba.typed", "numba.np.ufunc", "scipy.special", "scipy.linalg"),
+    *("scipy.integrate", "scipy.optimize", "matplotlib.axes", "matplotlib.colorbar"),
+    *("matplotlib.legend", "matplotlib.layout_engine", "PIL.PngImagePlugin"),
+    *("matplotlib.backends.backend_agg", "matplotlib.backends.backend_svg"),
+]
 
 
 class Screen(Protocol):
@@ -125,18 +131,19 @@ def run_studies(
     known = [seconds for seconds in costs.values() if math.isfinite(seconds)]
     usual = sum(known) / len(known) if known else _USUAL[full]
     costs = {name: s if math.isfinite(s) else usual for name, s in costs.items()}
+    apart = {file.name for file in files if file.name in costs and file.alone}
     # The longest first, so that none is left over at the end; last those that take times.
     todo = sorted(
         (file for file in files if file.name in costs),
-        key=lambda file: (file.alone, -costs[file.name], file.name),
+        key=lambda file: (file.name in apart, -costs[file.name], file.name),
     )
     running: list[_Task] = []
     lost = partial(_lost, out=out, full=full, keep=keep_failure)
     try:
         while todo or running:
-            while todo and _may_begin(todo[0], running, jobs):
+            while todo and _may_begin(todo[0].name in apart, running, apart, jobs):
                 file = todo.pop(0)
-                shared = 1 if file.alone else min(jobs, len(todo) + len(running) + 1)
+                shared = 1 if file.name in apart else min(jobs, len(todo) + len(running) + 1)
                 running.append(_begin(file, out, full, keep_failure, max(1, cores // shared)))
                 if screen is not None:
                     screen.begun(file.name)
@@ -147,9 +154,9 @@ def run_studies(
                 if screen is not None:
                     screen.ended(task.result, False)
             if screen is not None:
-                left = [costs[file.name] for file in todo if not file.alone]
+                left = [costs[file.name] for file in todo if file.name not in apart]
                 left += [costs[t.file.name] - time.monotonic() + t.began for t in running]
-                alone = sum(costs[file.name] for file in todo if file.alone)
+                alone = sum(costs[file.name] for file in todo if file.name in apart)
                 seconds = alone + sum(max(s, 0.0) for s in left) / min(jobs, max(len(left), 1))
                 screen.left(len(results), len(files), seconds)
     finally:
@@ -168,8 +175,8 @@ def _former_seconds(target: Path, full: bool) -> float:
     return math.inf
 
 
-def _may_begin(file: StudyFile, running: list[_Task], jobs: int) -> bool:
-    if file.alone or any(task.file.alone for task in running):
+def _may_begin(alone: bool, running: list[_Task], apart: set[str], jobs: int) -> bool:
+    if alone or any(task.file.name in apart for task in running):
         return not running
     return len(running) < jobs
 
@@ -179,6 +186,9 @@ def _begin(file: StudyFile, out: Path, full: bool, keep_failure: bool, share: in
     forks = "forkserver" in multiprocessing.get_all_start_methods()
     multiprocessing.set_forkserver_preload(_PRELOADED)
     ours, theirs = multiprocessing.Pipe()
+    # Threads of a linear algebra library would wait for each other while other studies run.
+    for name in _BLAS:
+        os.environ.setdefault(name, "1")
     # What forks was started once, with the environment of that time.
     own = {key: value for key, value in os.environ.items() if key.startswith("ALBEDO_")}
     own.setdefault("ALBEDO_THREADS", str(share))

@@ -242,11 +242,10 @@ class Context:
         caption : str
             What the figure shows.
         """
-        from albedo.plotting import save_figure
+        from albedo.plotting import save_for_site
 
         self._claim_name(name)
-        for suffix in (".png", ".svg"):
-            save_figure(figure, self.folder / f"{name}{suffix}", compact=True)
+        save_for_site(figure, self.folder / name)
         self._figures.append(
             {"name": name, "svg": f"{name}.svg", "png": f"{name}.png", "caption": caption}
         )

@@ -61,8 +61,8 @@ class Resolution:
     rtol: float
 
 
-QUICK = Resolution(curves=4, angles=30, per_decade=2, wide=15, high=19, pairs=1000, rtol=1e-4)
-FULL = Resolution(curves=4, angles=90, per_decade=8, wide=41, high=46, pairs=20_000, rtol=1e-7)
+QUICK = Resolution(curves=4, angles=24, per_decade=2, wide=9, high=13, pairs=500, rtol=1e-4)
+FULL = Resolution(curves=4, angles=45, per_decade=4, wide=17, high=25, pairs=20_000, rtol=1e-7)
 
 
 @dataclass(frozen=True)

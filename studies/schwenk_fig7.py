@@ -64,7 +64,7 @@ def column(name: str, ratio: float) -> str:
 def run(context: Context) -> None:
     """Compute both kinds of maps, and draw them."""
     rtol = 1e-6 if context.full else 1e-4
-    size, cosines, azimuths = (161, 40, 25) if context.full else (81, 10, 7)
+    size, cosines, azimuths = (71, 40, 25) if context.full else (41, 10, 7)
     context.setting(rtol=rtol, mean=MEAN, size=size)
     lobes = lobe_maps(size)
     context.table(

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from PIL import Image
 from steps import nystrom
 from typer.testing import CliRunner
 
@@ -544,3 +545,43 @@ def _check_excess(folder: Path) -> None:
     assert abs(last["excess"] / last["expansion"] - 1.0) <= 1e-12
     loss = pd.read_csv(folder / "nns_fig7" / "loss.csv")
     assert np.all(loss["largest"] + loss["largest_error"] < 0.0)
+
+
+def test_pictures_for_a_site_are_small_and_say_the_same(tmp_path):
+    figure = plotting.draw(curves(2), grazing=True)
+    figure.axes[0].text(0.1, 0.1, "0.695707244(2)")
+    plain = plotting.save_figure(plotting.draw(curves(2)), tmp_path / "plain.svg")
+    plotting.save_for_site(figure, tmp_path / "site")
+    text = (tmp_path / "site.svg").read_text()
+    assert len(text) < 0.7 * len(plain.read_text())
+    # Text is text, with its digits; coordinates are hundredths of a point; powers need no formula.
+    for words in ("0.695707244(2)", "directional albedo", "ward:m=1", "10⁻²"):
+        assert words in text
+    assert not re.search(r"<path [^>]*\d\.\d{4,}", text)
+    names = set(re.findall(r'class="(\w+)"', text))
+    assert names
+    assert all(f".{name}{{" in text for name in names)
+    for target in re.findall(r'(?:url\(|href=")#([\w-]+)', text):
+        assert f'id="{target}"' in text
+    with Image.open(tmp_path / "site.png") as few, Image.open(_png(figure, tmp_path)) as all_colors:
+        assert few.mode == "P"
+        assert few.size == all_colors.size
+        off = np.asarray(few.convert("RGB"), float) - np.asarray(all_colors.convert("RGB"), float)
+        assert np.sqrt(np.mean(off**2)) < 2.0
+
+
+def _png(figure, folder: Path) -> Path:
+    return plotting.save_figure(figure, folder / "all.png")
+
+
+def test_errors_of_tables_are_rounded_up(tmp_path):
+    body = (
+        "import pandas as pd; e = [1.2341e-9, 1.23e-9, 9.999e-5, 0.0, float('inf'), 5e-324]; "
+        "context.table('t', pd.DataFrame({'a': [1 / 3] * 6, 'a_error': e, 'x_error': e}))"
+    )
+    run_study(write_study(tmp_path, "one", body), tmp_path / "out")
+    frame = pd.read_csv(tmp_path / "out" / "one" / "t.csv")
+    assert frame["a_error"].tolist() == [1.24e-9, 1.23e-9, 1e-4, 0.0, math.inf, 5e-324]
+    # It is the error of nothing.
+    assert frame["x_error"][0] == 1.2341e-9
+    assert frame["a"][0] == 1 / 3

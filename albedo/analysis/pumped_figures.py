@@ -42,7 +42,7 @@ def recursive(context: Context, model: Model, name: str) -> None:
     cosines = pumping.default_cosines(context.full)
     data = pumping.series(model, steps, cosines=cosines, rtol=rtol, advance=context.progress)
     peaks = pumping.find_peaks(data, _peak_cosines(context), context.progress)
-    radiance = pumping.radiance_frame(data, LIGHTS, 0.25 if context.full else 0.5)
+    radiance = pumping.radiance_frame(data, LIGHTS, 0.5 if context.full else 1.0)
     shown = range(STEPS + 1)
 
     gains = pumping.steps_frame(data)
@@ -220,7 +220,7 @@ def controlled(
         )
         peaks = pumping.find_peaks(data, _peak_cosines(context), _named(context, control))
         found[control] = data, peaks
-        radiance = pumping.radiance_frame(data, LIGHTS, 0.25 if context.full else 0.5)
+        radiance = pumping.radiance_frame(data, LIGHTS, 0.5 if context.full else 1.0)
         shown = range(STEPS)
         context.table(
             f"steps_{control}",
