@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 STUDY = Study(
     name="as_energy",
     title="Energy of Ashikhmin and Shirley's lobe",
-    paper="Ashikhmin, Shirley, An Anisotropic Phong Light Reflection Model",
+    paper="AS",
     claims=("A3", "A5", "A11"),
 )
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 STUDY = Study(
     name="as_fig1",
     title="The vectors of Ashikhmin and Shirley's model",
-    paper="Ashikhmin, Shirley, An Anisotropic Phong Light Reflection Model",
+    paper="AS",
     figure="Figure 1",
 )
 
@@ -54,6 +54,9 @@ _NAMES = {"k1": "k₁", "k2": "k₂"}
 
 def run(context: Context) -> None:
     """Compute the vectors, list them, and draw them."""
+    context.setting(
+        light_deg=LIGHT[0], light_azimuth_deg=LIGHT[1], view_deg=VIEW[0], view_azimuth_deg=VIEW[1]
+    )
     vectors = make_vectors()
     context.table("vectors", as_rows(vectors), "The vectors in the frame of u, v and n")
     dots = products(vectors)

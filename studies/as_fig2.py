@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 STUDY = Study(
     name="as_fig2",
     title="Spheres in a furnace",
-    paper="Ashikhmin, Shirley, An Anisotropic Phong Light Reflection Model",
+    paper="AS",
     figure="Figure 2",
     claims=("A2",),
 )

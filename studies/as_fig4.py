@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 STUDY = Study(
     name="as_fig4",
     title="A glossy half sphere in a furnace",
-    paper="Ashikhmin, Shirley, An Anisotropic Phong Light Reflection Model",
+    paper="AS",
     figure="Figure 4",
     claims=("A7",),
 )

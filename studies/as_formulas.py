@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 STUDY = Study(
     name="as_formulas",
     title="Three formulas of Ashikhmin and Shirley",
-    paper="Ashikhmin, Shirley, An Anisotropic Phong Light Reflection Model",
+    paper="AS",
     claims=("A1", "A4", "A6"),
 )
 

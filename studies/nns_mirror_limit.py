@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 STUDY = Study(
     name="nns_mirror_limit",
     title="Narrow lobes and the cosine",
-    paper="Neumann, Neumann, Szirmay-Kalos, Reflectance Models by Pumping up the Albedo Function",
+    paper="NNS",
     claims=("N1",),
 )
 

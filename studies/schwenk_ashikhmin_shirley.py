@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 STUDY = Study(
     name="schwenk_ashikhmin_shirley",
     title="Ashikhmin and Shirley's model as a microfacet model",
-    paper="Schwenk, A Survey of Shading Models for Real-time Rendering",
+    paper="S",
     claims=("S8", "S9"),
 )
 

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 STUDY = Study(
     name="schwenk_exponents",
     title="Blinn's exponent over Phong's",
-    paper="Schwenk, A Survey of Shading Models for Real-time Rendering",
+    paper="S",
     claims=("S3",),
 )
 
@@ -57,6 +57,7 @@ def run(context: Context) -> None:
     """Best factors over angles and exponents, the verdicts, and what both lobes look like."""
     exponents = EXPONENTS if context.full else QUICK_EXPONENTS
     angles = np.arange(0.0, 85.5, 1.0 if context.full else 5.0)
+    context.setting(angles=angles.size, smallest_n=LEAST, steepest_deg=STEEPEST, width=WIDTH)
     rows = []
     for done, n in enumerate(exponents):
         context.progress(done, len(exponents), f"n = {n:g}")

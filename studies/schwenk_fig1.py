@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 STUDY = Study(
     name="schwenk_fig1",
     title="Directions at a point of a surface",
-    paper="Schwenk, A Survey of Shading Models for Real-time Rendering",
+    paper="S",
     figure="Figure 1",
 )
 
@@ -47,6 +47,9 @@ PAIRS = (
 
 def run(context: Context) -> None:
     """The directions, their products, relations between them, and the figure."""
+    context.setting(
+        light_deg=LIGHT[0], light_azimuth_deg=LIGHT[1], view_deg=VIEW[0], view_azimuth_deg=VIEW[1]
+    )
     vectors = directions()
     context.table("vectors", vector_table(vectors), "Directions of the figure", loose=angles())
     products = dot_products(vectors, PAIRS)

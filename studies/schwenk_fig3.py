@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 STUDY = Study(
     name="schwenk_fig3",
     title="Mirror direction and half vector",
-    paper="Schwenk, A Survey of Shading Models for Real-time Rendering",
+    paper="S",
     figure="Figure 3",
 )
 
@@ -57,6 +57,7 @@ PAIRS = (("R", "V"), ("N", "H"), ("N", "L"), ("N", "V"), ("V", "H"))
 
 def run(context: Context) -> None:
     """Vectors and products for both views, the relation between the angles, and the figure."""
+    context.setting(light_deg=THETA, view_off_mirror_deg=OFF, n_phong=N_PHONG, n_blinn=N_BLINN)
     places = {"in the plane of incidence": in_plane(OFF), "beside R": beside(OFF)}
     for name, (place, vectors) in zip(("plane", "beside"), places.items(), strict=True):
         loose = {"theta_deg": 1e-10, "phi_deg": 1e-10, "x": 1e-14, "y": 1e-14, "z": 1e-14}

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 STUDY = Study(
     name="schwenk_fig7",
     title="Lobes and furnace maps of increasing anisotropy",
-    paper="Schwenk, A Survey of Shading Models for Real-time Rendering",
+    paper="S",
     figure="Figure 7",
 )
 

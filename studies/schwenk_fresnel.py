@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 STUDY = Study(
     name="schwenk_fresnel",
     title="Approximations of Fresnel's equations",
-    paper="Schwenk, A Survey of Shading Models for Real-time Rendering",
+    paper="S",
     claims=("S11",),
 )
 

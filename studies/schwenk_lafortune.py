@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 STUDY = Study(
     name="schwenk_lafortune",
     title="Lafortune's lobe about the mirror direction",
-    paper="Schwenk, A Survey of Shading Models for Real-time Rendering",
+    paper="S",
     claims=("S10",),
 )
 

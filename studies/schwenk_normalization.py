@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 STUDY = Study(
     name="schwenk_normalization",
     title="Normalisations of Phong, Blinn, Lewis and Ward",
-    paper="Schwenk, A Survey of Shading Models for Real-time Rendering",
+    paper="S",
     claims=("S1", "S2", "S4", "S6"),
 )
 

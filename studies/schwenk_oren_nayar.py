@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 STUDY = Study(
     name="schwenk_oren_nayar",
     title="Energy of Oren and Nayar's model",
-    paper="Schwenk, A Survey of Shading Models for Real-time Rendering",
+    paper="S",
     claims=("S7",),
 )
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 STUDY = Study(
     name="schwenk_own_model",
     title="Exponent and energy of Schwenk's model",
-    paper="Schwenk, A Survey of Shading Models for Real-time Rendering",
+    paper="S",
     claims=("S14",),
 )
 

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 STUDY = Study(
     name="schwenk_strauss",
     title="Smoothness and energy of Strauss' model",
-    paper="Schwenk, A Survey of Shading Models for Real-time Rendering",
+    paper="S",
     claims=("S12",),
 )
 
