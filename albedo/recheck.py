@@ -27,7 +27,8 @@ __all__ = ["Comparison", "Difference", "compare_runs"]
 _DIGITS = 1e-9
 _SKIPPED = ("_evaluations",)
 # Times of what took three times as long keep their order, but for some that were disturbed.
-_APART, _TURNED = 3.0, 0.02
+_TIMES = ("ns", "seconds")
+_APART, _TURNED, _FEW_TURNED = 3.0, 0.02, 3
 
 
 @dataclass(frozen=True)
@@ -180,13 +181,14 @@ def _table(
         yield Difference(f"{place}, rows", str(len(kept)), str(len(new)), "the same number")
         return
     for column in about.get("machine", ()):
-        if column not in kept.columns or kept[column].dtype.kind not in "fiu":
+        if not column.endswith(_TIMES) or kept[column].dtype.kind not in "fiu":
             continue
         found.rankings += 1
         pairs, turned = _ranking(*(frame[column].to_numpy(dtype=float) for frame in (kept, new)))
-        if turned > _TURNED * pairs:
+        most = max(_FEW_TURNED, int(_TURNED * pairs))
+        if turned > most:
             said = f"{turned} of {pairs} the other way round"
-            allowed = f"{100 * _TURNED:g} % of them"
+            allowed = f"{most} of them"
             yield Difference(f"{place}, {column}, order", f"{pairs} pairs", said, allowed)
     for column in kept.columns:
         stem = column.removesuffix("_error")

@@ -28,6 +28,8 @@ import albedo
 import albedo.catalogue
 from albedo.cli import app
 from albedo.describe import citation, markdown
+from albedo.estimate import format_value
+from albedo.ledger import load_ledger
 from albedo.studies import StudyFile, run_study
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -154,6 +156,31 @@ def test_findings_are_measured_again(finding: str) -> None:
         assert any(agree(number, other) for other in measured), f"{number} was not measured"
 
 
+def test_verdicts_of_the_readme_are_those_of_the_ledger() -> None:
+    rows = {row.id: row for row in load_ledger(ROOT / "reports")}
+    told = README.partition("## What was found")[2].partition("\n### ")[0]
+    kinds = [row.kind for row in rows.values() if row.paper]
+    counts = {
+        "hold": sum(kind.startswith("holds") for kind in kinds),
+        "fail": kinds.count("fails"),
+        "depend": kinds.count("depends on the reading"),
+        "is undecided": kinds.count("undecided"),
+        "wait": kinds.count("pending"),
+    }
+    assert sum(counts.values()) == len(kinds)
+    assert f"Of {len(kinds)} statements" in told
+    for verb, count in counts.items():
+        assert re.search(rf"\b{count} {verb}\b", told), (verb, count)
+    items = re.findall(r"^- \*\*(\w+) (.*?)\.\*\*(.*?)(?=^- |^$)", told, re.MULTILINE | re.DOTALL)
+    assert len(items) == 5
+    for id, verdict, text in items:
+        assert rows[id].kind == verdict
+        parts = [(float(part["value"]), float(part["error"])) for part in rows[id].parts]
+        measured = intervals(" ".join(format_value(*part) for part in parts))
+        for number in intervals(text):
+            assert any(agree(number, other) for other in measured), f"{id}: {number}"
+
+
 def test_committed_results_are_what_their_manifest_says() -> None:
     for path in (ROOT / "reports" / "studies").glob("*/manifest.json"):
         manifest = json.loads(path.read_text(encoding="utf-8"))
@@ -163,7 +190,8 @@ def test_committed_results_are_what_their_manifest_says() -> None:
 
 
 @pytest.mark.parametrize(
-    "page", ["README.md", "CONTRIBUTING.md", "reports/README.md", "docs/radiance.md"]
+    "page",
+    ["README.md", "CONTRIBUTING.md", "reports/README.md", "docs/radiance.md", "docs/reports.md"],
 )
 def test_links_between_files_lead_somewhere(page: str) -> None:
     text = (ROOT / page).read_text(encoding="utf-8")

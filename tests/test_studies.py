@@ -484,8 +484,11 @@ VERDICTS = {
 
 def test_the_studies_of_the_project_run(tmp_path: Path) -> None:
     """What the README's first command does, at its quick fidelity, and what it finds."""
-    done = CliRunner().invoke(app, ["report", "--studies-dir", str(STUDIES), "-o", str(tmp_path)])
+    kept = STUDIES.parent / "reports" / "quick"
+    words = ["report", "--check", "--against", str(kept), "--studies-dir", str(STUDIES)]
+    done = CliRunner().invoke(app, [*words, "-o", str(tmp_path)])
     assert done.exit_code == 0, done.output
+    assert "All agree with" in done.stdout
     folder = tmp_path / "studies"
     assert (folder / "nns_fig1" / "by_angle_figure.png").is_file()
     assert (folder / "nns_fig1" / "by_angle.csv").is_file()
