@@ -64,19 +64,28 @@ def build_report(
 
     papers = read_papers(files[0].path.parent)
     out.mkdir(parents=True, exist_ok=True)
-    place = out / "studies"
-    results = run_studies(
-        *(files, place), full=full, jobs=jobs, again=again, keep_failure=True, screen=screen
-    )
-    manifests = [result.manifest for result in results]
-    for result in results:
-        if result.folder is not None and pages:
+
+    def finish(result: Result) -> None:
+        if result.folder is None:
+            return
+        if pages:
             page = render_study(result.folder, result.manifest)
             save_text(page, result.folder / "index.html")
-        elif result.folder is not None:
-            for name in ("svg", "png"):
-                for figure in result.manifest["figures"]:
-                    (result.folder / figure[name]).unlink(missing_ok=True)
+            return
+        for figure in result.manifest["figures"]:
+            for kind in ("svg", "png"):
+                (result.folder / figure[kind]).unlink(missing_ok=True)
+
+    results = run_studies(
+        *(files, out / "studies"),
+        full=full,
+        jobs=jobs,
+        again=again,
+        keep_failure=True,
+        screen=screen,
+        finish=finish,
+    )
+    manifests = [result.manifest for result in results]
     rows = ledger(papers, manifests)
     save_ledger(rows, out)
     save_json(record(manifests, full), out / "manifest.json")

@@ -79,6 +79,7 @@ def run_studies(
     again: bool = False,
     keep_failure: bool = False,
     screen: Screen | None = None,
+    finish: Callable[[Result], None] | None = None,
 ) -> list[Result]:
     """Run studies; those of which nothing changed since they were run are kept as they are.
 
@@ -101,6 +102,8 @@ def run_studies(
         Put the record of a failure in the place of former results; otherwise these stay.
     screen : Screen, optional
         What shows how far they are.
+    finish : callable, optional
+        Called with the result of each study as soon as it is there, to add what is made from it.
 
     Returns
     -------
@@ -124,6 +127,8 @@ def run_studies(
         manifest = None if again else file.unchanged(target, full)
         if manifest is not None:
             results[file.name] = Result(file.name, target, manifest)
+            if finish is not None:
+                finish(results[file.name])
             if screen is not None:
                 screen.ended(results[file.name], True)
         else:
@@ -151,6 +156,8 @@ def run_studies(
                 running.remove(task)
                 assert task.result is not None
                 results[task.file.name] = task.result
+                if finish is not None:
+                    finish(task.result)
                 if screen is not None:
                     screen.ended(task.result, False)
             if screen is not None:

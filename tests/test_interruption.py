@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -207,34 +208,38 @@ def test_an_interrupted_report_is_completed_by_the_next_run(
     for name in ("first", "second", "third"):
         (tmp_path / "studies" / f"{name}.py").write_text(STUDY.replace("NAME", name))
     monkeypatch.setitem(ENVIRONMENT, "WAIT", "yes")
-    process = start(tmp_path, "report", "-o", "site", code=MAIN)
+    process = start(tmp_path, "report", "-o", "site", "--jobs", "1", code=MAIN)
     assert process.stdout is not None
     while (line := process.stdout.readline()) != "second\n":
         assert line, "the second study never began"
     interrupted(process)
     # What was finished is complete, and nothing else is there.
-    assert sorted(path.name for path in (tmp_path / "site").iterdir()) == ["first", "style.css"]
-    assert "text of first" in (tmp_path / "site" / "first" / "index.html").read_text()
+    studies = tmp_path / "site" / "studies"
+    assert [path.name for path in (tmp_path / "site").iterdir()] == ["studies"]
+    assert [path.name for path in studies.iterdir()] == ["first"]
+    assert "text of first" in (studies / "first" / "index.html").read_text()
 
     monkeypatch.delitem(ENVIRONMENT, "WAIT")
     again = start(tmp_path, "report", "-o", "site", code=MAIN)
     output, errors = again.communicate(timeout=PATIENCE)
     assert again.returncode == 0, errors
     assert "The report is at" in output
-    names = sorted(path.name for path in (tmp_path / "site").iterdir())
-    assert names == ["first", "index.html", "second", "style.css", "third"]
-    for name in ("first", "second", "third"):
-        assert f"text of {name}" in (tmp_path / "site" / name / "index.html").read_text()
+    # What was finished is not run again.
+    assert re.findall(r"^(\w+): .*\(unchanged\)$", output, re.MULTILINE) == ["first"]
+    names = sorted(path.name for path in studies.iterdir())
+    assert names == ["first", "second", "third"]
+    for name in names:
+        assert f"text of {name}" in (studies / name / "index.html").read_text()
+    assert (tmp_path / "site" / "index.html").is_file()
 
     # Interrupted once more, the complete site stays as it is.
-    kept = {p: p.read_bytes() for p in (tmp_path / "site" / "second").rglob("*") if p.is_file()}
+    kept = {p: p.read_bytes() for p in (tmp_path / "site").rglob("*") if p.is_file()}
     monkeypatch.setitem(ENVIRONMENT, "WAIT", "yes")
-    process = start(tmp_path, "study", "run", "second", "-o", "site", code=MAIN)
+    where = ("--again", "-o", "site/studies")
+    process = start(tmp_path, "study", "run", "second", *where, code=MAIN)
     wait_for(process, "second")
     interrupted(process)
-    assert sorted(path.name for path in (tmp_path / "site").iterdir()) == names
-    folder = (tmp_path / "site" / "second").rglob("*")
-    assert {p: p.read_bytes() for p in folder if p.is_file()} == kept
+    assert {p: p.read_bytes() for p in (tmp_path / "site").rglob("*") if p.is_file()} == kept
 
 
 # What is kept lies in the folder of the run, and so does a list of all albedos of tables that it
