@@ -26,6 +26,8 @@ __all__ = ["Comparison", "Difference", "compare_runs"]
 # Values without an error are printed by other libraries, or come out of a few roundings.
 _DIGITS = 1e-9
 _SKIPPED = ("_evaluations",)
+# An error that got out of hand excuses no more than this many of the former one.
+_WIDER = 10.0
 # Times of what took three times as long keep their order, but for some that were disturbed.
 _TIMES = ("ns", "seconds")
 _APART, _TURNED, _FEW_TURNED = 3.0, 0.02, 3
@@ -159,7 +161,8 @@ def _claims(
         if kinds[0] != kinds[1]:
             yield Difference(f"{place}, verdict", kinds[0], kinds[1], "the same verdict")
         before, after = (float(claim["value"]) for claim in (old, fresh))
-        allowed = float(old["error"]) + float(fresh["error"]) + _slack(before, after)
+        error, new_error = float(old["error"]), float(fresh["error"])
+        allowed = error + min(new_error, _WIDER * error) + _slack(before, after)
         if not (before == after or abs(before - after) <= allowed):
             yield Difference(f"{place}, value", f"{before:.17g}", f"{after:.17g}", f"{allowed:.3g}")
 
@@ -222,7 +225,7 @@ def _column(
         size = np.where(np.isfinite(size), size, 0.0)
         if f"{column}_error" in kept.columns:
             errors = [frame[f"{column}_error"].to_numpy(dtype=float) for frame in (kept, new)]
-            allowed = errors[0] + errors[1] + 1e-14 * size
+            allowed = errors[0] + np.minimum(errors[1], _WIDER * errors[0]) + 1e-14 * size
         elif column in loose:
             allowed = np.full(len(kept), float(loose[column]))
         elif kept[column].dtype.kind in "iu":

@@ -13,8 +13,8 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing.connection import Connection, wait
@@ -193,9 +193,6 @@ def _begin(file: StudyFile, out: Path, full: bool, keep_failure: bool, share: in
     forks = "forkserver" in multiprocessing.get_all_start_methods()
     multiprocessing.set_forkserver_preload(_PRELOADED)
     ours, theirs = multiprocessing.Pipe()
-    # Threads of a linear algebra library would wait for each other while other studies run.
-    for name in _BLAS:
-        os.environ.setdefault(name, "1")
     # What forks was started once, with the environment of that time.
     own = {key: value for key, value in os.environ.items() if key.startswith("ALBEDO_")}
     own.setdefault("ALBEDO_THREADS", str(share))
@@ -204,9 +201,25 @@ def _begin(file: StudyFile, out: Path, full: bool, keep_failure: bool, share: in
         process: BaseProcess = multiprocessing.get_context("forkserver").Process(**work)
     else:
         process = multiprocessing.get_context("spawn").Process(**work)
-    process.start()
+    with _one_blas_thread():
+        process.start()
     theirs.close()
     return _Task(file, process, ours, time.monotonic())
+
+
+@contextmanager
+def _one_blas_thread() -> Iterator[None]:
+    """Threads of a linear algebra library would wait for each other while other studies run.
+
+    What is started inside has one of them, unless the environment says otherwise.
+    """
+    added = [name for name in _BLAS if name not in os.environ]
+    os.environ.update(dict.fromkeys(added, "1"))
+    try:
+        yield
+    finally:
+        for name in added:
+            del os.environ[name]
 
 
 def _work(
@@ -253,7 +266,7 @@ def _listen(
             continue
         try:
             word, said = task.pipe.recv()
-        except EOFError:
+        except (EOFError, OSError):
             task.process.join()
             if task.process.exitcode == _INTERRUPTED:
                 raise KeyboardInterrupt from None

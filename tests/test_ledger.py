@@ -284,6 +284,16 @@ def test_claims_are_compared(runs, change, differs):
     assert bool(compare_runs(*runs).differences) == differs
 
 
+def test_an_error_that_got_out_of_hand_excuses_little(runs):
+    path = runs[1] / "studies" / "one" / "numbers.csv"
+    frame = pd.read_csv(path)
+    # The former error is 1e-3, which excuses ten more of them.
+    for value, agrees in ((1.0109, True), (1.0111, False)):
+        frame["a"], frame["a_error"] = [value, float("inf")], [float("inf"), 0.0]
+        frame.to_csv(path, index=False)
+        assert (compare_runs(*runs).differences == []) == agrees
+
+
 def test_times_keep_their_ranking(tmp_path):
     source = (
         '"""Question?"""\nimport pandas as pd\nfrom albedo.studies import Study\n'

@@ -171,7 +171,6 @@ JobsOption = Annotated[
     typer.Option(
         "-j",
         "--jobs",
-        min=1,
         help="How many studies run at a time; those that take times run alone.",
         show_default="as many as there are cores",
     ),
