@@ -6,6 +6,7 @@ lives and dies with its variable and nothing needs a display.
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import zlib
@@ -17,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from albedo.errors import InputError
-from albedo.files import atomic_file, check_output
+from albedo.files import atomic_file, check_output, save_text
 from albedo.grammar import Spec, cos_degrees
 
 if TYPE_CHECKING:
@@ -109,10 +110,9 @@ _STYLE: Any = {
     "ytick.labelsize": 9.5,
 }
 
-# Of pictures for a site: dots of an inch, and how far colours of 255 levels may be off, as a root
-# mean square.
-_SCREEN = 120
-_MOST_OFF = 2.0
+# Dots of an inch in pictures for a site: twice those of a screen, and of pictures inside an SVG.
+_SCREEN = 192
+_INSIDE = 120
 
 # More curves than this in one legend cannot be told apart: a sweep then gets a colour scale.
 _MOST_NAMED = 8
@@ -196,7 +196,7 @@ def new_figure(
     return figure, panels
 
 
-def save_figure(figure: Figure, path: str | os.PathLike[str], *, compact: bool = False) -> Path:
+def save_figure(figure: Figure, path: str | os.PathLike[str]) -> Path:
     """Write a figure as PNG, SVG or PDF; the same figure gives the same bytes.
 
     Parameters
@@ -205,40 +205,26 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], *, compact: bool =
         The figure.
     path : path
         File that ends in ``.png``, ``.svg`` or ``.pdf``.
-    compact : bool
-        For sites of many figures: a PNG of 256 colours, chosen for it, and an SVG whose coordinates
-        are rounded to hundredths of a point; half the bytes, and nothing that an eye would miss.
 
     Returns
     -------
     Path
         The file.
     """
-    from matplotlib import rc_context
-
     target = check_output(path, SUFFIXES)
     kind = target.suffix.lower()[1:]
-    # Dates and tool versions would make equal figures differ in their bytes.
-    unset: dict[str, tuple[str, ...]] = {
-        "png": ("Software",),
-        "svg": ("Date", "Creator"),
-        "pdf": ("CreationDate", "Creator", "Producer"),
-    }
-    metadata: dict[str, Any] = dict.fromkeys(unset[kind])
-    # Points that no eye would miss: a tenth of a dot beside the line at most.
-    look: dict[Any, Any] = {"path.simplify": compact, "path.simplify_threshold": 0.1}
-    # Text that a reader can search and a screen reader can read, in place of drawn letters.
-    look |= {"svg.fonttype": "none"} if compact else {}
-    with style(), rc_context(look), atomic_file(target) as temporary:
+    with style(), atomic_file(target) as temporary:
         _plain_powers(figure)
-        # What is no line in an SVG is a picture of as many dots as a screen shows.
-        dots = _SCREEN if compact and kind == "svg" else _STYLE["savefig.dpi"]
-        figure.savefig(temporary, format=kind, metadata=metadata, dpi=dots)
-        if compact and kind == "png":
-            _fewer_colors(temporary)
-        elif compact and kind == "svg":
-            _fewer_bytes(temporary)
+        figure.savefig(temporary, format=kind, metadata=dict.fromkeys(_UNSET[kind]))
     return target
+
+
+# Dates and tool versions would make equal figures differ in their bytes.
+_UNSET: dict[str, tuple[str, ...]] = {
+    "png": ("Software",),
+    "svg": ("Date", "Creator"),
+    "pdf": ("CreationDate", "Creator", "Producer"),
+}
 
 
 def save_for_site(figure: Figure, stem: Path) -> None:
@@ -251,13 +237,35 @@ def save_for_site(figure: Figure, stem: Path) -> None:
     stem : Path
         Where, without an ending.
     """
-    if figure.get_layout_engine() is not None:
-        with style():
-            _plain_powers(figure)
+    import numpy as np
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    from albedo.compact import compact_svg, write_png
+
+    # Points that no eye would miss: a tenth of a dot beside the line at most. Text that a reader
+    # can search and a screen reader can read, in place of drawn letters.
+    look: Any = {
+        "path.simplify": True,
+        "path.simplify_threshold": 0.1,
+        "svg.fonttype": "none",
+    }
+    with style(), rc_context(look):
+        _plain_powers(figure)
+        if figure.get_layout_engine() is not None:
             figure.draw_without_rendering()
-        figure.set_layout_engine("none")
-    for suffix in (".png", ".svg"):
-        save_figure(figure, stem.with_name(f"{stem.name}{suffix}"), compact=True)
+            figure.set_layout_engine("none")
+        drawn = io.StringIO()
+        # What is no line in an SVG is a picture of as many dots as a screen shows.
+        unset = dict.fromkeys(_UNSET["svg"])
+        figure.savefig(drawn, format="svg", metadata=unset, dpi=_INSIDE)
+        save_text(compact_svg(drawn.getvalue()), stem.with_name(f"{stem.name}.svg"))
+        figure.set_dpi(_SCREEN)
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
+        with atomic_file(stem.with_name(f"{stem.name}.png")) as temporary:
+            fine = any(axes.images for axes in figure.axes)
+            write_png(np.asarray(canvas.buffer_rgba()), temporary, _SCREEN, fine)
 
 
 def _plain_powers(figure: Figure) -> None:
@@ -294,57 +302,6 @@ def _powers() -> type[LogFormatterSciNotation]:
             return f"{sign}{f'{factor} × ' if factor else ''}{base}{exponent.translate(raised)}"
 
     return Powers
-
-
-def _fewer_colors(path: Path) -> None:
-    """A palette of 64 colours, or of 256 where those are seen to be too few."""
-    import numpy as np
-    from PIL import Image
-
-    with Image.open(path) as image:
-        dots = image.info.get("dpi")
-        plain = image.convert("RGB")
-    for count in (64, 256):
-        few = plain.quantize(count, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
-        off = np.asarray(few.convert("RGB"), dtype=float) - np.asarray(plain, dtype=float)
-        if np.sqrt(np.mean(off**2)) < _MOST_OFF:
-            break
-    few.save(path, format="PNG", compress_level=9, dpi=dots)
-
-
-def _fewer_bytes(path: Path) -> None:
-    """Round coordinates, name every style once, and drop names that nothing refers to."""
-    text = path.read_text(encoding="utf-8")
-    # Only inside of tags: what lies between them is text that is read.
-    text = re.sub(r"<[^>]*>", lambda tag: _COORDINATE.sub(_hundredths, tag[0]), text)
-    text = re.sub(r"<!--.*?-->", "", text)
-    text = re.sub(r" d=\"([^\"]*)\"", lambda m: f' d="{_PATH.sub(_tight, m[1])}"', text)
-    referred = set(re.findall(r"#([\w.-]+)", text))
-    text = re.sub(r'<g id="([^"]*)">', lambda m: m[0] if m[1] in referred else "<g>", text)
-    styles: dict[str, str] = {}
-
-    def named(found: re.Match[str]) -> str:
-        look = found[1].replace(": ", ":").replace("; ", ";")
-        # Where that font is missing, one of nearly the same widths.
-        look = look.replace("'DejaVu Sans'", "'DejaVu Sans',Verdana,sans-serif")
-        return f'class="{styles.setdefault(look, f"s{len(styles)}")}"'
-
-    text = re.sub(r'(?<=\s)style="([^"]*)"', named, text)
-    rules = "".join(f".{name}{{{look}}}\n" for look, name in styles.items())
-    text = text.replace("</style>", f"{rules}</style>", 1)
-    path.write_text(re.sub(r"\s*\n\s*", "\n", text), encoding="utf-8")
-
-
-_COORDINATE = re.compile(r"(?<![\w.])-?\d+\.\d{4,}(?![\w.])")
-_PATH = re.compile(r"\s*([MLQCZz])\s*")
-
-
-def _hundredths(found: re.Match[str]) -> str:
-    return f"{float(found[0]):.2f}"
-
-
-def _tight(found: re.Match[str]) -> str:
-    return found[1]
 
 
 def angle_grid() -> np.ndarray:

@@ -200,7 +200,7 @@ def _table(
             continue
         found.columns += 1
         found.values += len(kept)
-        yield from _column(f"{place}, {column}", column, kept, new, about.get("loose", {}))
+        yield from _column(f"{place}, {column}", column, kept, new, about)
 
 
 def _ranking(kept: np.ndarray, new: np.ndarray) -> tuple[int, int]:
@@ -212,8 +212,9 @@ def _ranking(kept: np.ndarray, new: np.ndarray) -> tuple[int, int]:
 
 
 def _column(
-    place: str, column: str, kept: pd.DataFrame, new: pd.DataFrame, loose: Mapping[str, float]
+    place: str, column: str, kept: pd.DataFrame, new: pd.DataFrame, about: Mapping[str, Any]
 ) -> Iterator[Difference]:
+    loose, digits = (about.get(key, {}) for key in ("loose", "digits"))
     numeric = all(frame[column].dtype.kind in "fiu" for frame in (kept, new))
     if not numeric:
         before, after = (frame[column].astype(str).to_numpy() for frame in (kept, new))
@@ -228,6 +229,9 @@ def _column(
             allowed = errors[0] + np.minimum(errors[1], _WIDER * errors[0]) + 1e-14 * size
         elif column in loose:
             allowed = np.full(len(kept), float(loose[column]))
+        elif column in digits:
+            # The last digit that is kept may be another one.
+            allowed = 1.001 * 10.0 ** (1 - digits[column]) * size
         elif kept[column].dtype.kind in "iu":
             allowed = np.zeros(len(kept))
         else:

@@ -192,10 +192,14 @@ class Context:
         *,
         machine: Sequence[str] = (),
         loose: Mapping[str, float] | None = None,
+        digits: Mapping[str, int] | None = None,
     ) -> None:
         """Keep a table as CSV, every float in the shortest form that reads back exactly.
 
-        Errors, in columns called ``x_error``, are rounded up to three digits.
+        Of a value ``x`` with an error ``x_error``, digits are kept down to a hundredth of the
+        error's first, and six in any case; what is cut off is added to the error, and that is
+        rounded up to three digits. So are columns that are `loose`, to a thousandth of how far
+        they may differ; those that depend on the machine have four digits.
 
         Where a column ``x`` has a companion ``x_error``, the report prints the two as one number
         with its uncertainty, and it leaves out ``x_evaluations``; the CSV has them all.
@@ -213,13 +217,18 @@ class Context:
         loose : mapping of str to float, optional
             Columns without errors of their own, and how far two runs may differ, absolutely;
             what is not named has to agree to nine digits.
+        digits : mapping of str to int, optional
+            Columns without errors of their own that are for drawing or reading and need not be
+            exact, and how many digits of them are kept.
         """
         self._claim_name(name)
-        loose = dict(loose or {})
-        unknown = [column for column in (*machine, *loose) if column not in frame.columns]
+        loose, digits = dict(loose or {}), dict(digits or {})
+        named = (*machine, *loose, *digits)
+        unknown = [column for column in named if column not in frame.columns]
         if unknown:
             raise InputError(f"The table '{name}' has no column {', '.join(unknown)}.")
-        save_csv(_errors_rounded_up(frame), self.folder / f"{name}.csv")
+        kept = dict.fromkeys(machine, _MACHINE_DIGITS) | digits
+        save_csv(_rounded(frame, loose, kept), self.folder / f"{name}.csv")
         self._tables.append(
             {
                 "name": name,
@@ -227,6 +236,7 @@ class Context:
                 "caption": caption,
                 "machine": list(machine),
                 "loose": loose,
+                "digits": digits,
             }
         )
 
@@ -585,26 +595,58 @@ def discover(folder: Path | None = None) -> list[StudyFile]:
     return [StudyFile(path) for path in found]
 
 
-def _errors_rounded_up(frame: pd.DataFrame) -> pd.DataFrame:
-    """The table with errors of three digits, none of them smaller than it was."""
+# Of times, the fourth digit is noise; of what is known to an error, digits that nobody doubts.
+_MACHINE_DIGITS, _SURE_DIGITS = 4, 6
 
-    def up(error: float) -> float:
-        if not 0.0 < error < math.inf:
-            return error
-        rounded = float(f"{error:.2e}")
-        # The next number of three digits is a hundredth of the leading digit away.
-        if rounded < error:
-            rounded = float(f"{error + 10.0 ** (math.floor(math.log10(error)) - 2):.2e}")
-        return max(rounded, error) if math.isfinite(rounded) else error
 
-    columns = {
-        name: [up(float(error)) for error in frame[name]]
-        for name in frame.columns
-        if name.endswith("_error")
-        and name.removesuffix("_error") in frame.columns
-        and frame[name].dtype.kind == "f"
-    }
+def _rounded(
+    frame: pd.DataFrame, loose: Mapping[str, float], digits: Mapping[str, int]
+) -> pd.DataFrame:
+    """The table without digits that say nothing; no error is smaller than it was."""
+    columns: dict[str, list[float]] = {}
+    for name in frame.columns:
+        if frame[name].dtype.kind != "f":
+            continue
+        values = [float(value) for value in frame[name]]
+        if f"{name}_error" in frame.columns:
+            errors = [float(error) for error in frame[f"{name}_error"]]
+            kept = [_cut(v, 1e-2 * e) for v, e in zip(values, errors, strict=True)]
+            off = [_upper(e, abs(v - k)) for v, k, e in zip(values, kept, errors, strict=True)]
+            columns |= {name: kept, f"{name}_error": [_rounded_up(error) for error in off]}
+        elif name in digits:
+            columns[name] = [_to_digits(value, digits[name]) for value in values]
+        elif name in loose:
+            columns[name] = [_cut(value, 1e-3 * loose[name]) for value in values]
     return frame.assign(**columns) if columns else frame
+
+
+def _upper(error: float, more: float) -> float:
+    """An upper bound of a sum."""
+    return math.nextafter(error + more, math.inf) if more > 0.0 else error
+
+
+def _to_digits(value: float, digits: int) -> float:
+    return float(f"{value:.{digits - 1}e}") if math.isfinite(value) else value
+
+
+def _cut(value: float, size: float) -> float:
+    """A value to decimals of a size or somewhat less, and to some digits in any case."""
+    if not (0.0 < size < math.inf and math.isfinite(value)) or value == 0.0:
+        return value
+    decimals = -math.floor(math.log10(size))
+    least = _SURE_DIGITS - 1 - math.floor(math.log10(abs(value)))
+    return round(value, max(decimals, least))
+
+
+def _rounded_up(error: float) -> float:
+    """An error with three digits, not smaller than it was."""
+    if not 0.0 < error < math.inf:
+        return error
+    rounded = float(f"{error:.2e}")
+    # The next number of three digits is a hundredth of the leading digit away.
+    if rounded < error:
+        rounded = float(f"{error + 10.0 ** (math.floor(math.log10(error)) - 2):.2e}")
+    return max(rounded, error) if math.isfinite(rounded) else error
 
 
 def write_skeleton(name: str, folder: Path | None = None) -> Path:

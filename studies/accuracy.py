@@ -143,7 +143,7 @@ def draw(frames: dict[str, pd.DataFrame]) -> Figure:
     columns = min(3, len(frames))
     rows = -(-len(frames) // columns)
     with plotting.style():
-        figure = NewFigure(figsize=(3.5 * columns, 3.0 * rows), layout="constrained")
+        figure = NewFigure(figsize=(2.75 * columns, 2.5 * rows), layout="constrained")
         panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
         for axes, (name, frame) in zip(panels.flat, frames.items(), strict=True):
             for kind, (color, marker) in STYLES.items():

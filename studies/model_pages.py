@@ -22,6 +22,7 @@ import pandas as pd
 import albedo
 from albedo import plotting
 from albedo.analysis.checks import asymmetry
+from albedo.brdf import Vectors
 from albedo.grammar import ModelSpec, parse_model
 from albedo.quadrature import albedo_rows
 from albedo.studies import Study
@@ -123,20 +124,23 @@ def draw_model(context: Context, name: str, look: Resolution) -> dict[str, dict[
     narrow, wide = thinned(narrow, look.curves), thinned(wide, look.wide)
     decades = -np.log10(NEARER)
     axes = (
-        np.cos(np.radians(np.append(np.linspace(0.0, 89.0, look.angles), STEEP))),
-        np.geomspace(1.0, NEARER, round(decades * look.per_decade) + 1),
+        short(np.cos(np.radians(np.append(np.linspace(0.0, 89.0, look.angles), STEEP)))),
+        short(np.geomspace(1.0, NEARER, round(decades * look.per_decade) + 1)),
     )
     curves = [measure(narrow, cosines, look.rtol) for cosines in axes]
     matters = changes_beyond(curves)
     shown = curves if matters else curves[:1]
     rows = (
-        np.cos(np.radians(np.append(np.linspace(0.0, 88.0, look.high - 1), STEEP))),
-        np.geomspace(1.0, NEARER, look.high),
+        short(np.cos(np.radians(np.append(np.linspace(0.0, 88.0, look.high - 1), STEEP)))),
+        short(np.geomspace(1.0, NEARER, look.high)),
     )
     maps = [measure(wide, cosines, look.rtol) for cosines in rows[: len(shown)]]
     kind = albedo.models()[name]
-    context.table(f"{name}_curves", as_frame(shown), f"{kind.title}: curves")
-    context.table(f"{name}_map", as_frame(maps), f"{kind.title}: map over {maps[0].parameter}")
+    # The angle is there to be read; the cosine is what was computed with.
+    read = {"theta_deg": 6}
+    caption = f"{kind.title}: map over {maps[0].parameter}"
+    context.table(f"{name}_curves", as_frame(shown), f"{kind.title}: curves", digits=read)
+    context.table(f"{name}_map", as_frame(maps), caption, digits=read)
     context.figure(
         f"{name}_figure",
         draw(name, shown, maps),
@@ -152,17 +156,23 @@ def draw_model(context: Context, name: str, look: Resolution) -> dict[str, dict[
     }
 
 
+def short(cosines: np.ndarray) -> np.ndarray:
+    """Cosines of six digits, exactly what a table says."""
+    return np.array([float(f"{c:.6g}") for c in cosines])
+
+
 def sweeps(name: str) -> tuple[ModelSpec, ModelSpec]:
     """What the curves and the map of a model sweep: its main parameter, over two ranges."""
     kind = albedo.models()[name]
     wide = parse_model(f"{name}:{kind.domain}", "A map")
     narrow = parse_model(f"{name}:{kind.tables[0]}", "Curves")
-    return first_sweep(narrow), first_sweep(wide)
+    main = next(iter(narrow.sweep))
+    return one_sweep(narrow, main), one_sweep(wide, main)
 
 
-def first_sweep(spec: ModelSpec) -> ModelSpec:
-    """The same with its first sweep alone; the others stay at the defaults of the model."""
-    key = next(iter(spec.sweep))
+def one_sweep(spec: ModelSpec, main: str) -> ModelSpec:
+    """The same with one sweep, the main one if it has that; others stay at the model's defaults."""
+    key = main if main in spec.sweep else next(iter(spec.sweep))
     return ModelSpec(spec.name, spec.fixed, {key: spec.sweep[key]})
 
 
@@ -187,7 +197,8 @@ def measure(spec: ModelSpec, cosines: np.ndarray, rtol: float) -> Sweep:
     if numbers is None:
         # Of vectors the last entry of the first is named: the exponent of a lobe.
         declared = {item.name: item for item in type(models[0]).parameter_info()}[key]
-        name, numbers = declared.entries[-1][0], np.array([v[0][-1] for v in values])  # type: ignore[attr-defined]
+        assert isinstance(declared, Vectors)
+        name, numbers = declared.entries[-1][0], np.array([v[0][-1] for v in values])
     labels = [f"{name} = {number:.3g}" for number in numbers]
     return Sweep(name, labels, numbers, models, cosines, found)
 

@@ -94,7 +94,7 @@ def curves(context: Context) -> None:
         "albedo_figure", draw_albedos(drawn), "Albedo of the new model for several exponents."
     )
     models = [albedo.model(name, n=100) for name in ("max_phong", "phong")]
-    view = np.arange(-89.5, 89.75, 0.25 if context.full else 0.5)
+    view = np.arange(-30.0, 90.0, 0.5 if context.full else 1.0)
     rows = []
     for theta in LIGHTS:
         pair = [plane_radiance(m, math.cos(math.radians(theta)), np.radians(view)) for m in models]

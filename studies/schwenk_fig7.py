@@ -64,7 +64,7 @@ def column(name: str, ratio: float) -> str:
 def run(context: Context) -> None:
     """Compute both kinds of maps, and draw them."""
     rtol = 1e-6 if context.full else 1e-4
-    size, cosines, azimuths = (71, 40, 25) if context.full else (41, 10, 7)
+    size, cosines, azimuths = (65, 40, 25) if context.full else (41, 10, 7)
     context.setting(rtol=rtol, mean=MEAN, size=size)
     lobes = lobe_maps(size)
     context.table(
@@ -72,6 +72,7 @@ def run(context: Context) -> None:
         lobes,
         f"Radiance f n.l (1/sr) towards views (v_x, v_y), light at {LIGHT_DEGREES:g}° and azimuth "
         f"{LIGHT_AZIMUTH_DEGREES:g}°; columns are models and ratios of roughnesses",
+        digits=dict.fromkeys(lobes, 6),
     )
     context.progress(1, 3, "furnace maps")
     furnace = furnace_maps(cosines, azimuths, rtol)
@@ -151,10 +152,11 @@ def furnace_maps(cosines: int, azimuths: int, rtol: float) -> pd.DataFrame:
     """Albedos over a quarter of the hemisphere."""
     # Even steps of the angle: the projection crowds them towards the edge, where albedos change.
     theta = np.linspace(0.0, 0.5 * math.pi - math.asin(LOWEST), cosines)
-    c = np.sin(0.5 * math.pi - theta)
-    phi = np.linspace(0.0, 0.5 * math.pi, azimuths)
-    grid_c, grid_phi = (a.ravel() for a in np.meshgrid(c, phi, indexing="ij"))
-    columns: dict[str, Any] = {"cos_theta": grid_c, "phi_deg": np.degrees(grid_phi)}
+    c = np.sin(0.5 * math.pi - theta).round(6)
+    phi = np.linspace(0.0, 90.0, azimuths)
+    grid_c, grid_deg = (a.ravel() for a in np.meshgrid(c, phi, indexing="ij"))
+    grid_phi = np.radians(grid_deg)
+    columns: dict[str, Any] = {"cos_theta": grid_c, "phi_deg": grid_deg}
     for name in TITLES:
         for ratio in RATIOS:
             found = albedo.directional_albedo(model_of(name, ratio), grid_c, grid_phi, rtol=rtol)

@@ -56,7 +56,7 @@ def run(context: Context) -> None:
     context.table("smooth", smooth, caption, loose=places)
     judge_smooth(context, smooth)
     context.progress(1, 4, "the map")
-    field = map_albedos(61 if context.full else 19, 46 if context.full else 13, rtol)
+    field = map_albedos(46 if context.full else 19, 37 if context.full else 13, rtol)
     context.table("map", field, "Albedos over the angle of incidence and σ, ρ = 1")
     context.progress(2, 4, "extremes")
     ends = extremes(61 if context.full else 16, rtol)
@@ -118,11 +118,11 @@ def compare_smooth(count: int) -> pd.DataFrame:
 def map_albedos(angles: int, sigmas: int, rtol: float) -> pd.DataFrame:
     """Albedos of both forms over the angle of incidence and sigma."""
     # Dense where energy is gained: towards grazing incidence, and for small sigma.
-    degrees = 90.0 * np.sin(np.linspace(0.0, 0.5 * math.pi, angles))
-    cosines = np.sin(np.radians(90.0 - degrees))
-    cosines[-1] = 0.0
+    degrees = (90.0 * np.sin(np.linspace(0.0, 0.5 * math.pi, angles))).round(2)
+    cosines = np.sin(np.radians(90.0 - degrees)).round(8)
     rows = []
-    for sigma in 0.5 * math.pi * np.linspace(0.0, 1.0, sigmas) ** 2:
+    steps = (0.5 * math.pi * np.linspace(0.0, 1.0, sigmas) ** 2).round(5)
+    for sigma in np.minimum(steps, 0.5 * math.pi):
         columns = {"sigma": float(sigma), "theta_deg": degrees, "cos_theta": cosines}
         for name in FORMS:
             found = albedo.directional_albedo(

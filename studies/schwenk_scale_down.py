@@ -136,7 +136,7 @@ def changes(context: Context) -> pd.DataFrame:
         for name in colors
         for m in metalness
         for s in smoothness
-        for channel in range(len(COLORS[name]))
+        for channel in range(len(COLORS[name]) if context.full else 1)
     ]
     rows = []
     for done, (name, m, s, channel) in enumerate(settings):

@@ -197,7 +197,7 @@ def all_models(context: Context) -> dict[str, pd.DataFrame]:
     rows = together(frames)
     context.table(
         "digits",
-        rows,
+        in_words(rows),
         "Digits of all albedos",
         # What is beside digits are errors of single precision and counts of nodes.
         machine=("parameters", "inputs", "operations", "nodes", "not_finite", "beyond"),
@@ -218,6 +218,20 @@ def together(frames: dict[str, pd.DataFrame]) -> pd.DataFrame:
     measured = list(first.columns[first.columns.get_loc("cos_theta") :])
     swept = [c for c in rows if c not in ("model", *measured)]
     return rows[["model", *swept, *measured]].reset_index(drop=True)
+
+
+def in_words(rows: pd.DataFrame) -> pd.DataFrame:
+    """The same rows, with the parameters of each as the command line has them."""
+    swept = list(rows.columns[1 : rows.columns.get_loc("cos_theta")])
+    said = [
+        ",".join(
+            f"{name}={value}" for name, value in zip(swept, row, strict=True) if pd.notna(value)
+        )
+        for row in rows[swept].itertuples(index=False)
+    ]
+    found = rows.drop(columns=swept)
+    found.insert(1, "set", said)
+    return found
 
 
 def conclude(context: Context, frames: dict[str, pd.DataFrame]) -> None:

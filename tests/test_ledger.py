@@ -210,8 +210,9 @@ def run(context):
         "model": ["ward", "phong"], "x": [0.5, 1.5], "a": [1.0, float("inf")],
         "a_error": [1e-3, 0.0], "a_evaluations": [10, 20], "count": [3, 4],
         "at": [10.0, 20.0], "ns": [3.0, 4.0], "none": [float("nan"), 1.0],
+        "deg": [100 / 3, 0.0],
     })
-    context.table("numbers", frame, machine=("ns",), loose={"at": 0.5})
+    context.table("numbers", frame, machine=("ns",), loose={"at": 0.5}, digits={"deg": 5})
     context.claim("P1", "It is.", 0.5, 0.01, "< 1")
     context.claim("P2", "It is fast.", 0.5, 0.01, "< 1", machine=True)
 '''
@@ -228,7 +229,7 @@ def runs(tmp_path):
 def test_equal_runs_agree(runs):
     found = compare_runs(*runs)
     assert found.differences == []
-    assert (found.studies, found.claims, found.columns, found.values) == (1, 2, 6, 12)
+    assert (found.studies, found.claims, found.columns, found.values) == (1, 2, 7, 14)
     assert (found.files, found.same_bytes) == (1, 1)
 
 
@@ -245,6 +246,8 @@ def test_equal_runs_agree(runs):
         ("count", 0, 4, False),
         ("at", 0, 10.4, True),
         ("at", 0, 10.6, False),
+        ("deg", 0, 33.334, True),  # the last of its digits
+        ("deg", 0, 33.337, False),
         ("ns", 0, 99.0, True),
         ("none", 0, 1.0, False),
         ("none", 1, float("nan"), False),

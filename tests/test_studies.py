@@ -6,12 +6,14 @@ import json
 import math
 import re
 import tomllib
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from PIL import Image
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from steps import nystrom
 from typer.testing import CliRunner
 
@@ -22,7 +24,7 @@ from albedo.errors import InputError
 from albedo.estimate import format_value
 from albedo.files import atomic_file, atomic_folder, check_output, save_json, save_text
 from albedo.report import build_report
-from albedo.studies import StudyFile, compare, discover, run_study
+from albedo.studies import StudyFile, _rounded, compare, discover, run_study
 
 STUDIES = Path(__file__).parent.parent / "studies"
 
@@ -550,41 +552,69 @@ def _check_excess(folder: Path) -> None:
     assert np.all(loss["largest"] + loss["largest_error"] < 0.0)
 
 
-def test_pictures_for_a_site_are_small_and_say_the_same(tmp_path):
-    figure = plotting.draw(curves(2), grazing=True)
-    figure.axes[0].text(0.1, 0.1, "0.695707244(2)")
-    plain = plotting.save_figure(plotting.draw(curves(2)), tmp_path / "plain.svg")
-    plotting.save_for_site(figure, tmp_path / "site")
-    text = (tmp_path / "site.svg").read_text()
-    assert len(text) < 0.7 * len(plain.read_text())
-    # Text is text, with its digits; coordinates are hundredths of a point; powers need no formula.
-    for words in ("0.695707244(2)", "directional albedo", "ward:m=1", "10⁻²"):
-        assert words in text
-    assert not re.search(r"<path [^>]*\d\.\d{4,}", text)
-    names = set(re.findall(r'class="(\w+)"', text))
-    assert names
-    assert all(f".{name}{{" in text for name in names)
-    for target in re.findall(r'(?:url\(|href=")#([\w-]+)', text):
-        assert f'id="{target}"' in text
-    with Image.open(tmp_path / "site.png") as few, Image.open(_png(figure, tmp_path)) as all_colors:
-        assert few.mode == "P"
-        assert few.size == all_colors.size
-        off = np.asarray(few.convert("RGB"), float) - np.asarray(all_colors.convert("RGB"), float)
-        assert np.sqrt(np.mean(off**2)) < 2.0
-
-
-def _png(figure, folder: Path) -> Path:
-    return plotting.save_figure(figure, folder / "all.png")
+def rounded(tmp_path: Path, columns: str, **words: str) -> pd.DataFrame:
+    """What a table is when it has been kept."""
+    more = "".join(f", {key}={value}" for key, value in words.items())
+    body = (
+        "import pandas as pd; inf, nan = float('inf'), float('nan'); "
+        f"context.table('t', pd.DataFrame({columns}){more})"
+    )
+    result = run_study(write_study(tmp_path, "one", body), tmp_path / "out")
+    assert result.manifest["error"] is None, result.manifest["error"]
+    return pd.read_csv(tmp_path / "out" / "one" / "t.csv")
 
 
 def test_errors_of_tables_are_rounded_up(tmp_path):
-    body = (
-        "import pandas as pd; e = [1.2341e-9, 1.23e-9, 9.999e-5, 0.0, float('inf'), 5e-324]; "
-        "context.table('t', pd.DataFrame({'a': [1 / 3] * 6, 'a_error': e, 'x_error': e}))"
-    )
-    run_study(write_study(tmp_path, "one", body), tmp_path / "out")
-    frame = pd.read_csv(tmp_path / "out" / "one" / "t.csv")
+    errors = "[1.2341e-9, 1.23e-9, 9.999e-5, 0.0, inf, 5e-324]"
+    frame = rounded(tmp_path, f"{{'a': [0.5] * 6, 'a_error': {errors}, 'x_error': {errors}}}")
     assert frame["a_error"].tolist() == [1.24e-9, 1.23e-9, 1e-4, 0.0, math.inf, 5e-324]
     # It is the error of nothing.
     assert frame["x_error"][0] == 1.2341e-9
-    assert frame["a"][0] == 1 / 3
+    assert frame["a"][0] == 0.5
+
+
+def test_values_of_tables_lose_the_digits_that_their_errors_hide(tmp_path):
+    values = [1 / 3, 1 / 3, 1 / 3, -2e5 / 3, 1e-30 / 3, math.inf, math.nan, 0.0]
+    errors = [1.234e-9, 0.0, 7e-17, 3.0, 1e-9, 1.0, 1.0, 1e-9]
+    frame = rounded(tmp_path, f"{{'a': {values}, 'a_error': {errors}}}")
+    assert frame["a"][:5].tolist() == [0.33333333333, 1 / 3, 1 / 3, -66666.67, 3.33333e-31]
+    assert frame["a"][5] == math.inf
+    assert math.isnan(frame["a"][6])
+    assert frame["a"][7] == 0.0
+    # The bound still holds for what it held for.
+    off = [abs(Fraction(a) - Fraction(b)) for a, b in zip(frame["a"][:5], values[:5], strict=True)]
+    for moved, error, kept in zip(off, errors[:5], frame["a_error"][:5], strict=True):
+        assert Fraction(kept) >= Fraction(error) + moved
+        assert kept <= 1.02 * error
+
+
+@settings(max_examples=300)
+@given(
+    value=st.floats(-1e12, 1e12),
+    error=st.floats(1e-300, 1e6) | st.sampled_from((0.0, 5e-324, 0.999, 9.995e-5, 1e-9)),
+)
+def test_no_bound_of_a_table_is_lost_by_rounding(value, error):
+    frame = pd.DataFrame({"a": [value], "a_error": [error]})
+    kept = _rounded(frame, {}, {}).iloc[0]
+    moved = abs(Fraction(float(kept["a"])) - Fraction(value))
+    assert Fraction(float(kept["a_error"])) >= Fraction(error) + moved
+    assert moved <= Fraction(error) / 100 or moved <= abs(Fraction(value)) / 10**6
+
+
+def test_columns_for_reading_keep_some_digits(tmp_path):
+    columns = "{'deg': [100 / 3], 'ns': [1234.567], 'near': [1 / 3], 'cos': [1 / 3], 'k': [123456]}"
+    words = {"machine": "('ns', 'k')", "loose": "{'near': 1e-6}", "digits": "{'deg': 5}"}
+    frame = rounded(tmp_path, columns, **words)
+    # A number of its own is as exact as ever, and a count is a count.
+    assert frame.iloc[0].tolist() == [33.333, 1235.0, 0.333333333, 1 / 3, 123456]
+    manifest = json.loads((tmp_path / "out" / "one" / "manifest.json").read_text())
+    assert manifest["tables"][0]["digits"] == {"deg": 5}
+    refused = run_study(
+        write_study(
+            tmp_path,
+            "two",
+            "import pandas as pd; context.table('t', pd.DataFrame({'a': [1.0]}), digits={'b': 5})",
+        ),
+        tmp_path / "out",
+    )
+    assert "no column b" in refused.manifest["error"]["message"]

@@ -19,6 +19,8 @@ STEPS = 5
 LIGHTS = (30.0, 60.0, 80.0)
 """Angles of incidence, in degrees, at which radiances are drawn."""
 
+# The angle is there to be read; the cosine is what was computed with.
+READ = {"theta_deg": 9}
 # What one would see of a highlight beside the mirror direction.
 SEEN = 1.01
 BRIGHT, BESIDE = "brighter than a mirror", "brightest beside the mirror direction"
@@ -42,13 +44,14 @@ def recursive(context: Context, model: Model, name: str) -> None:
     cosines = pumping.default_cosines(context.full)
     data = pumping.series(model, steps, cosines=cosines, rtol=rtol, advance=context.progress)
     peaks = pumping.find_peaks(data, _peak_cosines(context), context.progress)
-    radiance = pumping.radiance_frame(data, LIGHTS, 0.5 if context.full else 1.0)
+    radiance = pumping.radiance_frame(data, LIGHTS)
     shown = range(STEPS + 1)
 
     gains = pumping.steps_frame(data)
     context.table("steps", gains, "What each step gains at least and at most, and what is lost")
-    context.table("peaks", peaks.frame(), "The largest output radiance over all views, in 1/sr")
-    context.table("albedo", pumping.albedo_frame(data), "Albedo after each step")
+    caption = "The largest output radiance over all views, in 1/sr"
+    context.table("peaks", peaks.frame(), caption, digits=READ)
+    context.table("albedo", pumping.albedo_frame(data), "Albedo after each step", digits=READ)
     context.table("radiance", radiance, "Output radiance in the plane of incidence, in 1/sr")
     context.figure(
         "albedo_figure",
@@ -220,7 +223,7 @@ def controlled(
         )
         peaks = pumping.find_peaks(data, _peak_cosines(context), _named(context, control))
         found[control] = data, peaks
-        radiance = pumping.radiance_frame(data, LIGHTS, 0.5 if context.full else 1.0)
+        radiance = pumping.radiance_frame(data, LIGHTS)
         shown = range(STEPS)
         context.table(
             f"steps_{control}",
@@ -231,9 +234,13 @@ def controlled(
             f"peaks_{control}",
             peaks.frame(),
             f"The largest output radiance over all views, in 1/sr: {control}",
+            digits=READ,
         )
         context.table(
-            f"albedo_{control}", pumping.albedo_frame(data), f"Albedo after each step: {control}"
+            f"albedo_{control}",
+            pumping.albedo_frame(data),
+            f"Albedo after each step: {control}",
+            digits=READ,
         )
         context.table(
             f"radiance_{control}",

@@ -33,6 +33,9 @@ NEAR_NORMAL = math.cos(math.radians(10.0))
 # A step is worth its while where the albedo rises by so much: what one sees in a figure.
 VISIBLE = 0.01
 
+LOWEST_VIEW = -30.0
+"""The first angle of views in the plane of incidence, in degrees: lobes are on the other side."""
+
 PEAK_COSINES = np.concatenate(
     (np.cos(np.radians(np.arange(0.0, 80.0, 5.0))), np.geomspace(0.175, 1e-4, 26))
 )
@@ -79,10 +82,12 @@ class Series:
 
 def default_cosines(full: bool = True) -> np.ndarray:
     """Cosines for both axes of `albedo.plotting`: degrees, and decades down to 1e-6."""
-    degrees, per_decade = angle_grid(), 24
+    degrees, per_decade = angle_grid(), 12
     if not full:
         degrees, per_decade = np.append(degrees[:85:3], degrees[85::5]), 6
-    found: np.ndarray = np.unique(np.append(degrees, grazing_grid(1e-6, per_decade)))[::-1]
+    # Eight digits, so that a table says exactly what was computed with.
+    both = np.append(degrees, grazing_grid(1e-6, per_decade))
+    found: np.ndarray = np.unique([float(f"{c:.8g}") for c in both])[::-1]
     return found
 
 
@@ -318,11 +323,12 @@ def find_peaks(
     return Peaks(cosines, found, peak(data.stages[0].base, 1.0))
 
 
-def radiance_frame(data: Series, theta_deg: Sequence[float], step_deg: float = 0.5) -> pd.DataFrame:
+def radiance_frame(data: Series, theta_deg: Sequence[float]) -> pd.DataFrame:
     """Output radiance in the plane of incidence: one row for every light and view direction."""
     import pandas as pd
 
-    view = np.arange(-90.0 + step_deg, 90.0 - 0.5 * step_deg, step_deg)
+    # The views that `draw_radiance` shows.
+    view = np.append(np.arange(LOWEST_VIEW, 90.0), 89.5)
     frames = []
     for theta in theta_deg:
         c = math.cos(math.radians(theta))
@@ -363,7 +369,9 @@ def step_labels(steps: Sequence[int]) -> list[str]:
 
 def albedo_axes(axes: Axes, data: Series, steps: Sequence[int], *, grazing: bool) -> None:
     """Draw the albedo after some of the steps."""
-    inside = np.ones(data.cosines.size, bool) if grazing else data.cosines >= angle_grid()[-1]
+    # Cosines have eight digits.
+    last = (1.0 - 1e-7) * angle_grid()[-1]
+    inside = np.ones(data.cosines.size, bool) if grazing else data.cosines >= last
     c = data.cosines[inside]
     x = c if grazing else np.degrees(np.arccos(c))
     for k, label, look in zip(steps, step_labels(steps), looks(len(steps)), strict=True):
@@ -410,8 +418,8 @@ def draw_radiance(frame: pd.DataFrame, steps: Sequence[int] | None = None) -> Fi
             for k, label, look in zip(shown, step_labels(shown), looks(len(shown)), strict=True):
                 axes.plot(rows["view_deg"], rows[f"step_{k}"], label=label, **look)
             axes.set_title(f"light at {theta:g}°", loc="left")
-            axes.set_xlim(-30.0, 90.0)
-            axes.set_xticks(np.arange(-30.0, 91.0, 30.0))
+            axes.set_xlim(LOWEST_VIEW, 90.0)
+            axes.set_xticks(np.arange(LOWEST_VIEW, 91.0, 30.0))
             axes.set_ylim(0.0, 1.05 * top)
             if axes is not panels[0]:
                 axes.tick_params(labelleft=False)
