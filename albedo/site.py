@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 __all__ = ["render_study", "write_site"]
 
 # A page shows so many rows of a table, evenly spread; the CSV beside it has all.
-_SHOWN_ROWS = 16
+_SHOWN_ROWS = 8
 # A study with more tables than this shows them folded, with fewer rows.
 _MANY_TABLES, _FEW_ROWS = 8, 6
 

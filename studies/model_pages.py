@@ -63,7 +63,7 @@ class Resolution:
 
 
 QUICK = Resolution(curves=4, angles=24, per_decade=2, wide=9, high=13, pairs=500, rtol=1e-4)
-FULL = Resolution(curves=4, angles=45, per_decade=4, wide=17, high=25, pairs=20_000, rtol=1e-7)
+FULL = Resolution(curves=4, angles=45, per_decade=4, wide=15, high=25, pairs=20_000, rtol=1e-7)
 
 
 @dataclass(frozen=True)
@@ -137,10 +137,10 @@ def draw_model(context: Context, name: str, look: Resolution) -> dict[str, dict[
     maps = [measure(wide, cosines, look.rtol) for cosines in rows[: len(shown)]]
     kind = albedo.models()[name]
     # The angle is there to be read; the cosine is what was computed with.
-    read = {"theta_deg": 6}
+    curve, field = as_frame(shown), as_frame(maps).drop(columns="theta_deg")
     caption = f"{kind.title}: map over {maps[0].parameter}"
-    context.table(f"{name}_curves", as_frame(shown), f"{kind.title}: curves", digits=read)
-    context.table(f"{name}_map", as_frame(maps), caption, digits=read)
+    context.table(f"{name}_curves", curve, f"{kind.title}: curves", digits={"theta_deg": 6})
+    context.table(f"{name}_map", field, caption)
     context.figure(
         f"{name}_figure",
         draw(name, shown, maps),

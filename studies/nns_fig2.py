@@ -41,6 +41,8 @@ CAP = math.radians(10.0)
 """Largest angle of H to the normal in the cap."""
 FIRST = 80.0
 """The arc of L goes from here to the horizon, degrees."""
+# Points of a side of an outline.
+DRAWN = 80
 ANGLES = (60.0, 80.0, 85.0, 89.0)
 WIDTHS = (0.1, 0.4)
 PRINTED, ONE = "G as printed", "G = 1"
@@ -317,14 +319,14 @@ def fill_region(axes: Axes, region: Region, color: str, **line: Any) -> None:
     """Draw a set of V with its boundary."""
     from matplotlib.colors import to_rgba
 
-    x, y = on_page(*outline(region))
+    x, y = on_page(*outline(region, DRAWN))
     axes.fill(x, y, facecolor=to_rgba(color, 0.22), edgecolor="none")
     axes.plot([*x, x[0]], [*y, y[0]], color=color, **line)
 
 
 def frame_hemisphere(axes: Axes, names: bool = True) -> None:
     """The horizon, elevations of 30 and 60 degrees, and the normal."""
-    turn = np.linspace(0.0, 2.0 * math.pi, 400)
+    turn = np.linspace(0.0, 2.0 * math.pi, 181)
     for elevation in (0.0, 30.0, 60.0):
         z = math.sin(math.radians(elevation))
         x, y = on_page(z, turn)
@@ -378,7 +380,7 @@ def draw_critical(context: Context) -> None:
     from matplotlib.patches import Patch, Rectangle
 
     lines = {80.0: "-", 85.0: (0, (6, 2)), 89.0: (0, (1.2, 1.4))}
-    z = np.sin(np.linspace(0.0, 2.0 * CAP, 600))
+    z = np.sin(np.linspace(0.0, 2.0 * CAP, 201))
     psi = on_arc(FIRST, CAP, z)
     stays = on_page(np.append(z, z[::-1]), np.append(psi, -psi[::-1]))
     with plotting.style():
@@ -393,7 +395,7 @@ def draw_critical(context: Context) -> None:
                 e = math.radians(90.0 - theta)
                 look = {"linestyle": dashes, "linewidth": 1.3} if close else {"linewidth": 0.9}
                 if close:
-                    axes.plot(*on_page(*outline(Region(e, cap=CAP))), color=_CAP, **look)
+                    axes.plot(*on_page(*outline(Region(e, cap=CAP), DRAWN)), color=_CAP, **look)
                 fill_region(axes, Region(e, g_one=True), _ONE, **look)
                 if close:
                     mark(axes, -float(on_page(math.sin(e), math.pi)[0]), "^", _MIRROR, 4.5)
@@ -483,9 +485,9 @@ def draw_slopes(context: Context) -> None:
     from matplotlib.lines import Line2D
 
     dots = (0, (1.2, 1.4))
-    turn = np.linspace(0.0, 2.0 * math.pi, 400)
+    turn = np.linspace(0.0, 2.0 * math.pi, 181)
     disc = math.tan(CAP) * np.cos(turn), math.tan(CAP) * np.sin(turn)
-    rise = np.sin(np.linspace(0.0, 0.5 * math.pi, 200)) ** 2
+    rise = np.sin(np.linspace(0.0, 0.5 * math.pi, 101)) ** 2
     with plotting.style():
         figure, panels = plotting.new_figure(3, 7.2, 3.3)
         for axes, theta in zip(panels, (60.0, 75.0, 85.0), strict=True):
@@ -503,7 +505,7 @@ def draw_slopes(context: Context) -> None:
                 (tangent, math.hypot(1.0, tangent), {"color": "#222222", "linewidth": 1.1}),
                 (0.5 * tangent, 0.5 * tangent, {"color": _MIRROR, "linestyle": dots}),
             ):
-                part = np.linspace(-1.0, 1.0, 400) * min(math.pi, 2.0 / radius)
+                part = np.linspace(-1.0, 1.0, 181) * min(math.pi, 2.0 / radius)
                 axes.plot(centre - radius * np.cos(part), radius * np.sin(part), **look)
             axes.set_xlim(-0.45, 0.85)
             axes.set_ylim(-1.05, 1.05)
@@ -548,11 +550,11 @@ def draw_solid_angles(context: Context, grazing: pd.DataFrame) -> None:
             (85.0, "#222222", (0, (1.2, 1.4))),
         ):
             region = Region(math.radians(90.0 - theta), g_one=True)
-            z, psi = outline(region)
+            z, psi = outline(region, DRAWN)
             shape.plot(psi / region.c, z / region.c, color=color, linestyle=dashes,
                        label=f"θ = {theta:g}°")  # fmt: skip
-        t = np.concatenate((1.0 / 3.0 + 2.0 / 3.0 * np.linspace(0.0, 1.0, 200) ** 2,
-                            3.0 - 2.0 * np.linspace(1.0, 0.0, 200) ** 2))  # fmt: skip
+        t = np.concatenate((1.0 / 3.0 + 2.0 / 3.0 * np.linspace(0.0, 1.0, 101) ** 2,
+                            3.0 - 2.0 * np.linspace(1.0, 0.0, 101) ** 2))  # fmt: skip
         w = np.sqrt(np.where(t < 1.0, 3.0 * t**2 + 2.0 * t - 1.0, 4.0 - (t - 1.0) ** 2).clip(0.0))
         shape.fill(np.append(w, -w[::-1]), np.append(t, t[::-1]), color=_ONE, alpha=0.22)
         shape.plot(np.append(w, -w[::-1]), np.append(t, t[::-1]), color=_ONE, label="θ → 90°")

@@ -348,7 +348,7 @@ def draw_radiance(context: Context) -> None:
     """Radiance in the plane of incidence; rows are exponents, columns angles of incidence."""
     from matplotlib.figure import Figure
 
-    angles = np.linspace(0.0, 90.0, 721)
+    angles = np.linspace(0.0, 90.0, 361)
     with plotting.style():
         figure = Figure(figsize=(7.4, 5.4), layout="constrained")
         for number, (n, theta) in enumerate((n, theta) for n in EXPONENTS for theta in LIGHTS):

@@ -72,7 +72,7 @@ def run(context: Context) -> None:
         lobes,
         f"Radiance f n.l (1/sr) towards views (v_x, v_y), light at {LIGHT_DEGREES:g}° and azimuth "
         f"{LIGHT_AZIMUTH_DEGREES:g}°; columns are models and ratios of roughnesses",
-        digits=dict.fromkeys(lobes, 6),
+        digits=dict.fromkeys(lobes, 5),
     )
     context.progress(1, 3, "furnace maps")
     furnace = furnace_maps(cosines, azimuths, rtol)
@@ -204,7 +204,7 @@ def place(row: pd.Series) -> str:
 
 def grid_of(names: Any) -> tuple[Any, Any]:
     """A figure of two rows of disks, one for each model, and its panels."""
-    figure, _ = plotting.new_figure(0, 9.2, 4.4)
+    figure, _ = plotting.new_figure(0, 8.0, 3.9)
     panels = figure.subplots(2, len(RATIOS), squeeze=False)
     for row, name in zip(panels, names, strict=True):
         for axes, ratio in zip(row, RATIOS, strict=True):
@@ -255,7 +255,10 @@ def draw_lobes(lobes: pd.DataFrame) -> Figure:
                 image = np.full((edge.size, edge.size), np.nan)
                 seen = np.maximum(lobes[column(name, ratio)], norm.vmin)
                 image[row_of, column_of] = seen
-                drawn = axes.imshow(image, origin="lower", extent=extent, cmap="viridis", norm=norm)
+                drawn = axes.imshow(
+                    *(image, "viridis", norm), origin="lower", extent=extent,
+                    interpolation="nearest",
+                )  # fmt: skip
                 # A pixel is no part of the disk by its middle alone: the rim is filled and cut.
                 disk = Circle((0.0, 0.0), 1.0, facecolor=drawn.cmap(0.0), zorder=-1.0)
                 axes.add_patch(disk)

@@ -85,7 +85,9 @@ def run(context: Context) -> None:
     frame = changes(context)
     # A maximum is flat: where it is found is known to half of the digits only.
     places = [c for c in frame if c.endswith(("_cos_light", "_cos_view", "_deg_from_mirror"))]
-    context.table("changes", frame, "What every step changes, at every setting", machine=places)
+    # Mean changes are there relative to what is changed.
+    kept = frame.drop(columns=[c for c in frame if "_absolute" in c])
+    context.table("changes", kept, "What every step changes, at every setting", machine=places)
     summary = summarised(frame)
     context.table(
         "summary",
