@@ -148,7 +148,7 @@ def _judge(parts: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
         found[reading] = _worst([*own, *common])[0]
     if len({verdict.startswith("holds") for verdict in found.values()}) == 1:
         return _worst([part["verdict"] for part in parts])
-    said = "; ".join(f"{kind_of(verdict)} for {name}" for name, verdict in found.items())
+    said = "; ".join(f"{kind_of(verdict)} [{name}]" for name, verdict in found.items())
     return f"depends on the reading: {said}", ""
 
 

@@ -96,7 +96,7 @@ def verdict_of(papers, *parts: tuple[str, str]) -> Row:
         ([("holds", ""), ("undecided: no", "")], "undecided", "1 of 2 measured statements hold"),
         (
             [("holds", "a"), ("fails", "b"), ("holds", "b")],
-            "depends on the reading: holds for a; fails for b",
+            "depends on the reading: holds [a]; fails [b]",
             "",
         ),
         # What is measured for no reading belongs to all of them.
@@ -166,9 +166,10 @@ def test_claims_are_printed(papers, tmp_path):
 
     listed = run()
     assert listed.exit_code == 0, listed.output
-    assert "depends on the reading: holds for a; fails for b" in listed.stdout
+    assert "depends on the reading  " in listed.stdout
     assert "pending (needs a rendered scene)" in listed.stdout
     one = run("p1")
+    assert "depends on the reading: holds [a]; fails [b]" in one.stdout
     assert "0.5(1)" in one.stdout
     assert "Because." in one.stdout
     assert "fails [b]" in one.stdout

@@ -70,6 +70,11 @@ def test_claims_are_printed_where_the_readme_says(monkeypatch):
     monkeypatch.chdir(ROOT)
     listed = CliRunner().invoke(app, ["claims"])
     assert listed.exit_code == 0, listed.output
+    lines = [line.rstrip() for line in listed.stdout.splitlines()]
+    (line,) = [line for line in lines if line.split()[:1] == ["S11"]]
+    assert "depends on the reading  " in line
+    # Also where there is no terminal that would wrap it.
+    assert max(map(len, lines)) < 240
     one = CliRunner().invoke(app, ["claims", "N4"])
     assert "[G as printed]" in one.stdout
 

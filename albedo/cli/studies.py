@@ -206,9 +206,11 @@ def claims(
     elif id is None:
         table = new_table("claim", "verdict", "the paper says")
         for row in rows:
-            verdict = f"{row.verdict} ({row.why})" if row.why else row.verdict
-            table.add_row(row.id, verdict, row.says)
+            # Readings have long names, which a line for each claim has no room for.
+            brief = row.why and row.kind != "depends on the reading"
+            table.add_row(row.id, f"{row.verdict} ({row.why})" if brief else row.kind, row.says)
         print_table(table)
+        typer.echo("\n'albedo claims ID' says what was measured, in which readings, and why.")
     else:
         _say_claim(rows[0])
 
