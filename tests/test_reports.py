@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
+from PIL import Image
 from typer.testing import CliRunner
 
 from albedo.cli import app
@@ -24,6 +27,7 @@ MANIFESTS = [
 # What cannot be measured yet, and nothing else: a rendered scene and measured data are missing.
 PENDING = {"N14", "N16"}
 MOST_BYTES = 15_000_000
+LINK = "{http://www.w3.org/1999/xlink}href"
 
 
 def test_every_study_has_its_results():
@@ -92,3 +96,18 @@ def test_the_site_is_small():
     site = [path for path in REPORTS.rglob("*") if path.is_file()]
     site = [path for path in site if not any(path.is_relative_to(place) for place in apart)]
     assert sum(path.stat().st_size for path in site) < MOST_BYTES
+
+
+@pytest.mark.parametrize("study", [manifest["study"]["name"] for manifest in MANIFESTS])
+def test_drawings_are_whole(study):
+    for path in (REPORTS / "studies" / study).glob("*.svg"):
+        root = ElementTree.parse(path).getroot()
+        named = {item.get("id") for item in root.iter()}
+        for item in root.iter():
+            # What is drawn again, or cut along, is there.
+            for target in (item.get(LINK, ""), item.get("clip-path", "")):
+                if found := re.search(r"#([\w.-]+)", target):
+                    assert found[1] in named, f"{path.name}: {target}"
+        with Image.open(path.with_suffix(".png")) as picture:
+            assert picture.mode == "P"
+            picture.load()
