@@ -227,8 +227,8 @@ _UNSET: dict[str, tuple[str, ...]] = {
 }
 
 
-def save_for_site(figure: Figure, stem: Path) -> None:
-    """Write a figure as compact PNG and SVG; everything is placed once for both.
+def save_for_site(figure: Figure, stem: Path, small: bool = True) -> None:
+    """Write a figure as PNG and compact SVG; everything is placed once for both.
 
     Parameters
     ----------
@@ -236,10 +236,13 @@ def save_for_site(figure: Figure, stem: Path) -> None:
         The figure, finished: its layout is fixed.
     stem : Path
         Where, without an ending.
+    small : bool
+        Take the time to make the PNG small.
     """
     import numpy as np
     from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
 
     from albedo.compact import compact_svg, write_png
 
@@ -252,20 +255,20 @@ def save_for_site(figure: Figure, stem: Path) -> None:
     }
     with style(), rc_context(look):
         _plain_powers(figure)
-        if figure.get_layout_engine() is not None:
-            figure.draw_without_rendering()
+        if (engine := figure.get_layout_engine()) is not None:
+            engine.execute(figure)
             figure.set_layout_engine("none")
         drawn = io.StringIO()
-        # What is no line in an SVG is a picture of as many dots as a screen shows.
-        unset = dict.fromkeys(_UNSET["svg"])
-        figure.savefig(drawn, format="svg", metadata=unset, dpi=_INSIDE)
+        # What is no line in an SVG is a picture of as many dots as a screen shows. `savefig` would
+        # draw all twice, to find its layout.
+        figure.set_dpi(_INSIDE)
+        FigureCanvasSVG(figure).print_svg(drawn, metadata=dict.fromkeys(_UNSET["svg"]))
         save_text(compact_svg(drawn.getvalue()), stem.with_name(f"{stem.name}.svg"))
         figure.set_dpi(_SCREEN)
         canvas = FigureCanvasAgg(figure)
         canvas.draw()
         with atomic_file(stem.with_name(f"{stem.name}.png")) as temporary:
-            fine = any(axes.images for axes in figure.axes)
-            write_png(np.asarray(canvas.buffer_rgba()), temporary, _SCREEN, fine)
+            write_png(np.asarray(canvas.buffer_rgba()), temporary, _SCREEN, small)
 
 
 def _plain_powers(figure: Figure) -> None:

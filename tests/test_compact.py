@@ -16,7 +16,7 @@ from matplotlib.patches import Circle
 from PIL import Image
 
 from albedo import plotting
-from albedo.compact import compact_svg
+from albedo.compact import compact_svg, write_png
 
 
 def curves(count: int) -> list[plotting.Curve]:
@@ -136,3 +136,52 @@ def test_pictures_inside_of_drawings_keep_their_rim_and_colours(tmp_path):
     # With an image, shades are not reduced to steps.
     with Image.open(tmp_path / "site.png") as picture:
         assert len(picture.getcolors()) > 128
+
+
+def test_what_is_half_clear_is_not_made_opaque():
+    def embedded(opacity: np.ndarray) -> str:
+        """A picture of shades with an opacity, in an SVG."""
+        shades = np.zeros((*opacity.shape, 4), dtype=np.uint8)
+        shades[..., :3] = np.random.default_rng(0).integers(0, 256, (*opacity.shape, 3))
+        shades[..., 3] = opacity
+        file = io.BytesIO()
+        Image.fromarray(shades).save(file, format="PNG")
+        code = base64.b64encode(file.getvalue()).decode("ascii")
+        return f'<svg><style></style><image href="data:image/png;base64,{code}"/></svg>'
+
+    faint = embedded(np.full((64, 64), 100))
+    assert compact_svg(faint) == faint
+    disc = np.zeros((64, 64))
+    disc[8:56, 8:56] = 255
+    disc[8, 8:56] = 100
+    shorter = compact_svg(embedded(disc))
+    assert len(shorter) < len(embedded(disc))
+    found = re.search(r"base64,([^\"]*)", shorter)
+    assert found is not None
+    with Image.open(io.BytesIO(base64.b64decode(found[1]))) as picture:
+        seen = np.asarray(picture.convert("RGBA"))[..., 3]
+    # A rim is there or not.
+    np.testing.assert_array_equal(seen, np.where(disc == 255, 255, 0))
+
+
+def test_no_shade_of_a_picture_is_passed_over(tmp_path):
+    """A palette of few colours by their number alone would spend none on what is rare."""
+    shades = np.full((300, 300, 4), 255, dtype=np.uint8)
+    ramp = np.linspace(0.0, 255.0, 300)
+    shades[:, :, 0], shades[:, :, 1] = ramp[:, None], ramp[None, :] ** 2 / 255.0
+    shades[0, :40, 2] = np.arange(40) * 6
+    write_png(shades, tmp_path / "small.png", 192, small=True)
+    write_png(shades, tmp_path / "whole.png", 192, small=False)
+    with Image.open(tmp_path / "whole.png") as whole, Image.open(tmp_path / "small.png") as small:
+        np.testing.assert_array_equal(np.asarray(whole), shades[..., :3])
+        assert small.mode == "P"
+        off = np.abs(np.asarray(small.convert("RGB"), float) - shades[..., :3])
+    # 256 cells in a cube of 255: a side of 40, and a little more where colours are few.
+    assert off.max() <= 60.0
+
+
+def test_pictures_of_a_quick_run_are_written_as_they_are(tmp_path):
+    figure = plotting.draw(curves(2))
+    plotting.save_for_site(figure, tmp_path / "quick", small=False)
+    with Image.open(tmp_path / "quick.png") as picture:
+        assert picture.mode == "RGB"
