@@ -24,7 +24,7 @@ import numpy as np
 from albedo.catalogue import models
 from albedo.errors import InputError
 from albedo.estimate import Estimate
-from albedo.files import atomic_file, save_table
+from albedo.files import atomic_file, make_folder, save_table
 from albedo.grammar import ModelSpec, parse_model, parse_numbers
 from albedo.quadrature import warn_unconverged
 from albedo.tables import Plan, plan_table
@@ -139,7 +139,7 @@ def write_atlas(
     """
     if folder.exists() and not folder.is_dir():
         raise InputError(f"The output '{folder}' is a file; the tables need a folder.")
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     total = sum(sheet.plan.entries for sheet in wanted)
     lock, done = threading.Lock(), 0
 

@@ -26,6 +26,7 @@ __all__ = [
     "atomic_file",
     "atomic_folder",
     "check_output",
+    "make_folder",
     "save_csv",
     "save_json",
     "save_table",
@@ -73,7 +74,7 @@ def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
         Empty folder beside it to fill.
     """
     target = Path(os.path.realpath(path))
-    target.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(target.parent)
     mark = secrets.token_hex(4)
     temporary = target.with_name(f".{target.name}.{mark}.part")
     former = target.with_name(f".{target.name}.{mark}.old")
@@ -89,6 +90,27 @@ def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
             os.replace(former, target)
         shutil.rmtree(temporary, ignore_errors=True)
         shutil.rmtree(former, ignore_errors=True)
+
+
+def make_folder(path: str | os.PathLike[str]) -> None:
+    """Make a folder, and those that it lies in, where they are not there.
+
+    Parameters
+    ----------
+    path : path
+        The folder.
+
+    Raises
+    ------
+    InputError
+        If it cannot be made, with its name and that of what is in the way.
+    """
+    try:
+        Path(path).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"The folder '{path}' cannot be made; '{error.filename}': {error.strerror}."
+        ) from None
 
 
 def check_output(path: str | os.PathLike[str], suffixes: tuple[str, ...]) -> Path:
