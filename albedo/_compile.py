@@ -331,9 +331,12 @@ def address(function: Any, signature: str) -> int:
 
     The code is compiled, or loaded, when it has to be; `indirect` calls it.
     """
-    function.compile(signature)
-    args, _ = sigutils.normalize_signature(signature)
+    args, result = sigutils.normalize_signature(signature)
+    # As for a call: on disk, numba keeps what was compiled for a text or a result apart.
+    function.compile(args)
     compiled = function.overloads[args]
+    if compiled.signature.return_type != result:
+        raise TypingError(f"{function} returns {compiled.signature.return_type}, not {result}")
     return int(compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name))
 
 
@@ -374,7 +377,7 @@ def indirect(signature: str) -> Any:
 
 
 @contextmanager
-def second_compiler(*models: str) -> Iterator[None]:
+def second_compiler(*models: str) -> Iterator[subprocess.Popen[bytes] | None]:
     """On an empty cache, let a second process compile the integrator while this one goes on.
 
     numba compiles one function at a time in a process, and a first call waits for nothing else.
@@ -384,15 +387,20 @@ def second_compiler(*models: str) -> Iterator[None]:
     ----------
     *models : str
         Models about to be integrated, as on the command line: it compiles their nodes too.
+
+    Yields
+    ------
+    Popen or None
+        The second process, if there is one.
     """
     # The folder itself is made as soon as a kernel is declared.
     if any((cache_root() / digest(PACKAGE)).rglob("*.nbi")):
-        yield
+        yield None
         return
     code = "import sys; from albedo.quadrature import compile_ahead; compile_ahead(sys.argv[1:])"
     quiet: dict[str, Any] = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
     with subprocess.Popen([sys.executable, "-c", code, *models], **quiet) as helper:
         try:
-            yield
+            yield helper
         finally:
             helper.terminate()

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from albedo.files import save_json, save_text
+from albedo.files import make_folder, save_json, save_text
 from albedo.ledger import ledger, save_ledger
 from albedo.papers import read_papers
 from albedo.runner import Screen, run_studies
@@ -63,27 +63,23 @@ def build_report(
     from albedo.site import render_study, write_site
 
     papers = read_papers(files[0].path.parent)
-    out.mkdir(parents=True, exist_ok=True)
+    make_folder(out)
 
     def finish(result: Result) -> None:
         if result.folder is None:
             return
-        if pages:
-            page = render_study(result.folder, result.manifest)
-            save_text(page, result.folder / "index.html")
-            return
-        for figure in result.manifest["figures"]:
-            for kind in ("svg", "png"):
-                (result.folder / figure[kind]).unlink(missing_ok=True)
+        page = render_study(result.folder, result.manifest)
+        save_text(page, result.folder / "index.html")
 
     results = run_studies(
         *(files, out / "studies"),
         full=full,
         jobs=jobs,
         again=again,
+        pictures=pages,
         keep_failure=True,
         screen=screen,
-        finish=finish,
+        finish=finish if pages else None,
     )
     manifests = [result.manifest for result in results]
     rows = ledger(papers, manifests)

@@ -1,7 +1,8 @@
 """Runs studies, several at a time, each in a process of its own, and none that is unchanged.
 
 A process of its own means that what a study read is known exactly: it is run again when one of
-these files changed, and only then. Studies that take times run with nothing beside them.
+these files changed, and only then. One that is about to take times waits until the others are
+finished or wait as well, and while it takes them none runs.
 """
 
 from __future__ import annotations
@@ -11,11 +12,13 @@ import math
 import multiprocessing
 import os
 import signal
+import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from enum import Enum
 from functools import partial
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
@@ -34,13 +37,9 @@ _USUAL = {False: 4.0, True: 60.0}
 # A process that was asked to stop leaves no scraps behind; one that does not is made to.
 _PATIENCE = 20.0
 _INTERRUPTED = 130
+# One for every chart that most studies integrate in.
+_COMPILED_AHEAD = ("lambert", "phong")
 _BLAS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
-_PRELOADED = [
-    *("numpy", "pandas", "numba.typed", "numba.np.ufunc", "scipy.special", "scipy.linalg"),
-    *("scipy.integrate", "scipy.optimize", "matplotlib.axes", "matplotlib.colorbar"),
-    *("matplotlib.legend", "matplotlib.layout_engine", "PIL.PngImagePlugin"),
-    *("matplotlib.backends.backend_agg", "matplotlib.backends.backend_svg"),
-]
 
 
 class Screen(Protocol):
@@ -59,6 +58,14 @@ class Screen(Protocol):
         """A study is finished, or need not be run again."""
 
 
+class _State(Enum):
+    """What a study does."""
+
+    RUNS = "runs"
+    WAITS = "waits to be alone"
+    ALONE = "takes times"
+
+
 @dataclass
 class _Task:
     """A study in a process."""
@@ -67,7 +74,25 @@ class _Task:
     process: BaseProcess
     pipe: Connection
     began: float
+    state: _State = _State.RUNS
+    waits_since: float = 0.0
     result: Result | None = None
+
+    def left(self, cost: float) -> float:
+        """How many seconds it takes from now, if that is what it takes in all."""
+        until = self.waits_since if self.state is _State.WAITS else time.monotonic()
+        return max(cost - (until - self.began), 0.0)
+
+    def wait(self) -> None:
+        """It asked to be alone."""
+        self.state, self.waits_since = _State.WAITS, time.monotonic()
+
+    def go(self) -> None:
+        """It is alone; the time that it waited does not count."""
+        self.began += time.monotonic() - self.waits_since
+        self.state = _State.ALONE
+        with suppress(BrokenPipeError):
+            self.pipe.send("go")
 
 
 def run_studies(
@@ -77,6 +102,7 @@ def run_studies(
     full: bool = False,
     jobs: int | None = None,
     again: bool = False,
+    pictures: bool = True,
     keep_failure: bool = False,
     screen: Screen | None = None,
     finish: Callable[[Result], None] | None = None,
@@ -98,6 +124,8 @@ def run_studies(
         How many run at a time; as many as there are cores unless given.
     again : bool
         Run all of them, whether anything changed or not.
+    pictures : bool
+        Whether figures are drawn.
     keep_failure : bool
         Put the record of a failure in the place of former results; otherwise these stay.
     screen : Screen, optional
@@ -124,7 +152,7 @@ def run_studies(
     for file in files:
         target = out / file.name
         check_place(target)
-        manifest = None if again else file.unchanged(target, full)
+        manifest = None if again else file.unchanged(target, full, pictures)
         if manifest is not None:
             results[file.name] = Result(file.name, target, manifest)
             if finish is not None:
@@ -136,22 +164,28 @@ def run_studies(
     known = [seconds for seconds in costs.values() if math.isfinite(seconds)]
     usual = sum(known) / len(known) if known else _USUAL[full]
     costs = {name: s if math.isfinite(s) else usual for name, s in costs.items()}
-    apart = {file.name for file in files if file.name in costs and file.alone}
-    # The longest first, so that none is left over at the end; last those that take times.
+    # The longest first, so that none is left over at the end.
     todo = sorted(
         (file for file in files if file.name in costs),
-        key=lambda file: (file.name in apart, -costs[file.name], file.name),
+        key=lambda file: (-costs[file.name], file.name),
     )
     running: list[_Task] = []
+    helper: subprocess.Popen[bytes] | None = None
+    work = {"out": out, "full": full, "pictures": pictures, "keep_failure": keep_failure}
     lost = partial(_lost, out=out, full=full, keep=keep_failure)
+    first = todo[0] if jobs > 1 and len(todo) > 1 else None
+    stack = ExitStack()
     try:
         while todo or running:
-            while todo and _may_begin(todo[0].name in apart, running, apart, jobs):
+            _let_one_be_alone(running)
+            while todo and _may_begin(running, jobs - _compiles(helper)):
                 file = todo.pop(0)
-                shared = 1 if file.name in apart else min(jobs, len(todo) + len(running) + 1)
-                running.append(_begin(file, out, full, keep_failure, max(1, cores // shared)))
+                shared = min(jobs, len(todo) + len(running) + 1)
+                running.append(_begin(file, work, max(1, cores // shared)))
                 if screen is not None:
                     screen.begun(file.name)
+                if file is first:
+                    helper = stack.enter_context(_second_compiler())
             for task in _listen(running, screen, lost):
                 running.remove(task)
                 assert task.result is not None
@@ -161,12 +195,14 @@ def run_studies(
                 if screen is not None:
                     screen.ended(task.result, False)
             if screen is not None:
-                left = [costs[file.name] for file in todo if file.name not in apart]
-                left += [costs[t.file.name] - time.monotonic() + t.began for t in running]
-                alone = sum(costs[file.name] for file in todo if file.name in apart)
-                seconds = alone + sum(max(s, 0.0) for s in left) / min(jobs, max(len(left), 1))
+                last = [task for task in running if task.state is not _State.RUNS]
+                alone = sum(task.left(costs[task.file.name]) for task in last)
+                left = [costs[file.name] for file in todo]
+                left += [t.left(costs[t.file.name]) for t in running if t not in last]
+                seconds = alone + sum(left) / min(jobs, max(len(left), 1))
                 screen.left(len(results), len(files), seconds)
     finally:
+        stack.close()
         _stop(running)
     return [results[file.name] for file in files]
 
@@ -182,25 +218,41 @@ def _former_seconds(target: Path, full: bool) -> float:
     return math.inf
 
 
-def _may_begin(alone: bool, running: list[_Task], apart: set[str], jobs: int) -> bool:
-    if alone or any(task.file.name in apart for task in running):
-        return not running
-    return len(running) < jobs
+def _second_compiler() -> AbstractContextManager[subprocess.Popen[bytes] | None]:
+    """On an empty cache, what integrates is compiled once, not by every study that begins."""
+    from albedo._compile import second_compiler
+
+    return second_compiler(*_COMPILED_AHEAD)
 
 
-def _begin(file: StudyFile, out: Path, full: bool, keep_failure: bool, share: int) -> _Task:
+def _compiles(helper: subprocess.Popen[bytes] | None) -> bool:
+    return helper is not None and helper.poll() is None
+
+
+def _let_one_be_alone(running: list[_Task]) -> None:
+    """Where all wait, the one that has waited the longest goes on."""
+    if running and all(task.state is _State.WAITS for task in running):
+        min(running, key=lambda task: task.waits_since).go()
+
+
+def _may_begin(running: list[_Task], jobs: int) -> bool:
+    states = [task.state for task in running]
+    return _State.ALONE not in states and states.count(_State.RUNS) < jobs
+
+
+def _begin(file: StudyFile, work: Mapping[str, Any], share: int) -> _Task:
     # Forking a process that has no threads and knows the heavy libraries saves their import.
     forks = "forkserver" in multiprocessing.get_all_start_methods()
-    multiprocessing.set_forkserver_preload(_PRELOADED)
+    multiprocessing.set_forkserver_preload(["albedo._ready"])
     ours, theirs = multiprocessing.Pipe()
     # What forks was started once, with the environment of that time.
     own = {key: value for key, value in os.environ.items() if key.startswith("ALBEDO_")}
     own.setdefault("ALBEDO_THREADS", str(share))
-    work: dict[str, Any] = {"target": _work, "args": (file, out, full, keep_failure, own, theirs)}
+    call: dict[str, Any] = {"target": _work, "args": (file, own, theirs), "kwargs": work}
     if forks:
-        process: BaseProcess = multiprocessing.get_context("forkserver").Process(**work)
+        process: BaseProcess = multiprocessing.get_context("forkserver").Process(**call)
     else:
-        process = multiprocessing.get_context("spawn").Process(**work)
+        process = multiprocessing.get_context("spawn").Process(**call)
     with _one_blas_thread():
         process.start()
     theirs.close()
@@ -223,12 +275,7 @@ def _one_blas_thread() -> Iterator[None]:
 
 
 def _work(
-    file: StudyFile,
-    out: Path,
-    full: bool,
-    keep_failure: bool,
-    environment: dict[str, str],
-    pipe: Connection,
+    file: StudyFile, environment: dict[str, str], pipe: Connection, *, out: Path, **options: bool
 ) -> None:
     """Run a study in this process, and tell the other how it goes."""
     watch()
@@ -244,11 +291,21 @@ def _work(
             said = time.monotonic()
             pipe.send(("step", (done, total, text)))
 
+    @contextmanager
+    def alone() -> Iterator[None]:
+        pipe.send(("alone", None))
+        # Nothing but the leave to go on comes this way.
+        pipe.recv()
+        try:
+            yield
+        finally:
+            pipe.send(("together", None))
+
     try:
-        result = run_study(file, out, full=full, progress=progress, keep_failure=keep_failure)
+        result = run_study(file, out, progress=progress, alone=alone, **options)
     except InputError as error:
         pipe.send(("refused", str(error)))
-    except (KeyboardInterrupt, BrokenPipeError):
+    except (KeyboardInterrupt, BrokenPipeError, EOFError):
         # The one who asked for this stopped, and says so.
         sys.exit(_INTERRUPTED)
     else:
@@ -277,6 +334,12 @@ def _listen(
             if word == "step":
                 if screen is not None:
                     screen.step(task.file.name, *said)
+                continue
+            if word == "alone":
+                task.wait()
+                continue
+            if word == "together":
+                task.state = _State.RUNS
                 continue
             task.result = said
         task.process.join()

@@ -8,6 +8,7 @@ does not use does not concern it.
 from __future__ import annotations
 
 import hashlib
+import os
 import platform
 import sys
 from collections.abc import Iterable
@@ -16,7 +17,10 @@ from pathlib import Path
 
 PACKAGE = Path(__file__).parent
 # What starts studies and shows results has no part in them.
-_APART = ("cli/", "templates/", "runner.py", "report.py", "site.py", "ledger.py", "papers.py")
+_APART = (
+    *("cli/", "templates/", "_ready.py", "runner.py", "report.py", "site.py", "ledger.py"),
+    "papers.py",
+)
 _opened: set[str] = set()
 _watching = False
 
@@ -51,18 +55,23 @@ def used(folder: Path) -> list[str]:
         one module more would be read too.
     """
     files = [getattr(module, "__file__", None) for module in list(sys.modules.values())]
-    paths = {Path(name).resolve() for name in (*filter(None, files), *_opened)}
-    roots = ((PACKAGE.resolve(), "albedo/"), (folder.resolve(), "./"))
+    # Of some thousand files of other packages, only their few folders are looked up.
+    folders: dict[str, str] = {}
+    paths = set()
+    for file in (*filter(None, files), *_opened):
+        place, name = os.path.split(file)
+        if place not in folders:
+            folders[place] = os.path.realpath(place)
+        paths.add(os.path.join(folders[place], name))
+    roots = ((os.path.realpath(PACKAGE), "albedo/"), (os.path.realpath(folder), "./"))
     found = set()
-    for path in paths:
-        for root, name in roots:
-            if not path.is_relative_to(root) or not path.is_file():
-                continue
-            below = path.relative_to(root).as_posix()
-            apart = name == "albedo/" and below.startswith(_APART)
-            hidden = "__pycache__" in path.parts or path.suffix in (".pyc", ".so", ".pyd")
-            if not apart and not hidden:
-                found.add(name + below)
+    for root, name in roots:
+        for path in (path for path in paths if path.startswith(root + os.sep)):
+            below = Path(path).relative_to(root)
+            apart = name == "albedo/" and below.as_posix().startswith(_APART)
+            hidden = "__pycache__" in below.parts or below.suffix in (".pyc", ".so", ".pyd")
+            if not apart and not hidden and os.path.isfile(path):
+                found.add(name + below.as_posix())
     packages = {name.rpartition("/")[0] + "/" for name in found if name.startswith("albedo/")}
     whole = {name for name in packages if all(each in found for each in _listing(name))}
     return sorted(found | (whole - {"albedo/"}))

@@ -21,7 +21,6 @@ the seconds that it took.
 
 from __future__ import annotations
 
-import ast
 import hashlib
 import json
 import math
@@ -32,13 +31,13 @@ import traceback
 import types
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from albedo.errors import InputError
-from albedo.files import atomic_folder, save_csv, save_json, save_text
+from albedo.files import atomic_folder, make_folder, save_csv, save_json, save_text
 from albedo.sources import digest, used, versions
 
 if TYPE_CHECKING:
@@ -61,6 +60,7 @@ __all__ = [
 VERDICTS = ("holds", "holds within", "fails", "depends on the reading", "undecided")
 
 Progress = Callable[[int, int, str], None]
+Alone = Callable[[], AbstractContextManager[object]]
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*\Z")
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
@@ -85,8 +85,6 @@ class Study:
         The figure of that paper that it reproduces, if any.
     claims : tuple of str
         Identifiers of the claims that it measures; each has to be measured when it runs.
-    alone : bool
-        Whether it takes times, so that nothing else may run beside it.
     """
 
     name: str
@@ -94,7 +92,6 @@ class Study:
     paper: str = ""
     figure: str = ""
     claims: tuple[str, ...] = ()
-    alone: bool = False
 
 
 @dataclass(frozen=True)
@@ -171,12 +168,17 @@ class Context:
     full : bool
         Whether the study shall run at full fidelity, which may take long; otherwise it shall
         give the same kind of answer within seconds.
+    pictures : bool
+        Whether figures are drawn; otherwise they are on record only.
     """
 
     study: Study
     folder: Path
     full: bool
+    pictures: bool = True
     _progress: Progress | None = None
+    _alone: Alone | None = None
+    _waited: float = 0.0
     _notes: list[str] = field(default_factory=list)
     _tables: list[dict[str, Any]] = field(default_factory=list)
     _figures: list[dict[str, Any]] = field(default_factory=list)
@@ -255,7 +257,8 @@ class Context:
         from albedo.plotting import save_for_site
 
         self._claim_name(name)
-        save_for_site(figure, self.folder / name)
+        if self.pictures:
+            save_for_site(figure, self.folder / name, small=self.full)
         self._figures.append(
             {"name": name, "svg": f"{name}.svg", "png": f"{name}.png", "caption": caption}
         )
@@ -392,6 +395,30 @@ class Context:
         if self._progress is not None:
             self._progress(done, total, text)
 
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Take times inside of this: it waits until no other study runs, and none begins.
+
+        What can be done before, such as to call once what is timed, belongs before it: the
+        others run meanwhile.
+
+        Yields
+        ------
+        None
+        """
+        ask, began = self._alone, time.perf_counter()
+        if ask is None:
+            yield
+            return
+        # Inside, nobody has to be asked again.
+        self._alone = None
+        try:
+            with ask():
+                self._waited += time.perf_counter() - began
+                yield
+        finally:
+            self._alone = ask
+
     def _claim_name(self, name: str) -> None:
         taken = [item["name"] for item in (*self._tables, *self._figures)]
         if not _NAME.match(name) or name in ("index", "manifest"):
@@ -414,25 +441,7 @@ class StudyFile:
         """Name of the study, which is that of its file."""
         return self.path.stem
 
-    @property
-    def alone(self) -> bool:
-        """Whether it declares that nothing may run beside it; told without executing the file."""
-        try:
-            tree = ast.parse(self.path.read_bytes())
-        except (SyntaxError, ValueError):
-            return False
-        calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
-        return any(
-            isinstance(call.func, ast.Name)
-            and call.func.id == "Study"
-            and any(
-                word.arg == "alone" and isinstance(word.value, ast.Constant) and word.value.value
-                for word in call.keywords
-            )
-            for call in calls
-        )
-
-    def unchanged(self, results: Path, full: bool) -> dict[str, Any] | None:
+    def unchanged(self, results: Path, full: bool, pictures: bool = True) -> dict[str, Any] | None:
         """The record of former results, if running the study again would give the same.
 
         Parameters
@@ -441,12 +450,15 @@ class StudyFile:
             The folder of its results.
         full : bool
             The fidelity that is wanted.
+        pictures : bool
+            Whether drawn figures are.
 
         Returns
         -------
         dict or None
             The manifest; None if there is none, if the study failed, or if anything changed: the
             files that it read, the versions that it ran with, the fidelity, or its own files.
+            Where no pictures are wanted, those that are there do not matter.
         """
         try:
             manifest = json.loads((results / "manifest.json").read_text(encoding="utf-8"))
@@ -459,7 +471,11 @@ class StudyFile:
                 return None
             if inputs["sources_sha256"] != digest(inputs["sources"], self.path.parent):
                 return None
-            for name, sha in outputs.items():
+            drawn = {figure[kind] for figure in manifest["figures"] for kind in ("svg", "png")}
+            if pictures and not drawn <= outputs.keys():
+                return None
+            for name in outputs.keys() - (set() if pictures else drawn):
+                sha = outputs[name]
                 if hashlib.sha256((results / name).read_bytes()).hexdigest() != sha:
                     return None
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
@@ -678,7 +694,7 @@ def write_skeleton(name: str, folder: Path | None = None) -> Path:
     if path.exists():
         raise InputError(f"The study '{path}' is there already; name another one.")
     source = Path(__file__).parent / "templates" / "study.py.txt"
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent)
     save_text(source.read_text(encoding="utf-8").replace("@NAME@", name), path)
     return path
 
@@ -720,7 +736,9 @@ def run_study(
     out: Path,
     *,
     full: bool = False,
+    pictures: bool = True,
     progress: Progress | None = None,
+    alone: Alone | None = None,
     keep_failure: bool = False,
 ) -> Result:
     """Run one study and keep its results, complete or not at all.
@@ -733,8 +751,12 @@ def run_study(
         Folder in which the folder of this study's results is put.
     full : bool
         Full fidelity instead of quick.
+    pictures : bool
+        Whether figures are drawn.
     progress : callable, optional
         Called with steps done, steps in all and a text.
+    alone : callable, optional
+        Gives what the study enters while it takes times, and which waits until it is alone.
     keep_failure : bool
         Put the record of a failure in the place of former results; otherwise these stay.
 
@@ -756,7 +778,7 @@ def run_study(
         study = Study(name=file.name, title=file.name)
         question, source_sha256 = "", ""
         background: tuple[str, ...] = ()
-        context = Context(study=study, folder=folder, full=full, _progress=progress)
+        context = Context(study, folder, full, pictures, _progress=progress, _alone=alone)
         with (
             _Caught() as caught,
             beside(file.path.parent),
@@ -776,7 +798,7 @@ def run_study(
                 )
         sources = used(file.path.parent)
         manifest = _record(
-            *(context, file, full, sources, time.perf_counter() - began),
+            *(context, file, full, sources, time.perf_counter() - began - context._waited),
             question=question,
             background=list(background),
             source_sha256=source_sha256,
@@ -816,7 +838,6 @@ def _record(
             "paper": study.paper,
             "figure": study.figure,
             "claims": list(study.claims),
-            "alone": study.alone,
         },
         "fidelity": "full" if full else "quick",
         "inputs": {

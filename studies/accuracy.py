@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from albedo.studies import Context
 
-STUDY = Study(name="accuracy", title="What an accuracy costs", alone=True)
+STUDY = Study(name="accuracy", title="What an accuracy costs")
 
 MODELS = {
     "oren_nayar": "Oren-Nayar, σ = 0.3",
@@ -52,16 +52,20 @@ def run(context: Context) -> None:
     names = list(MODELS) if context.full else list(QUICK)
     directions, repeats = (64, 9) if context.full else (16, 3)
     context.setting(seed=pareto.SEED, directions=directions, repeats=repeats)
-    frames = {}
+    races = {}
     for done, name in enumerate(names):
         context.progress(done, len(names), name)
-        frames[name] = pareto.measure(
+        races[name] = pareto.prepare(
             parse(name).model(),
             directions=directions,
-            repeats=repeats,
             stored=("float64", "float32") if context.full else ("float64",),
-            evaluations=math.inf if context.full else 2**15,
+            evaluations=math.inf if context.full else 2**13,
         )
+    frames = {}
+    with context.alone():
+        for done, (name, race) in enumerate(races.items()):
+            context.progress(done, len(names), f"times of {name}")
+            frames[name] = race.times(repeats)
     context.progress(len(names), len(names), "")
     first = ["model", "kind", "detail", "ratio", "worst", "mean", "front"]
     whole = pd.concat([frame.assign(model=name) for name, frame in frames.items()])

@@ -124,7 +124,7 @@ def draw_model(context: Context, name: str, look: Resolution) -> dict[str, dict[
     narrow, wide = thinned(narrow, look.curves), thinned(wide, look.wide)
     decades = -np.log10(NEARER)
     axes = (
-        short(np.cos(np.radians(np.append(np.linspace(0.0, 89.0, look.angles), STEEP)))),
+        short(np.cos(np.radians(angles(look.angles)))),
         short(np.geomspace(1.0, NEARER, round(decades * look.per_decade) + 1)),
     )
     curves = [measure(narrow, cosines, look.rtol) for cosines in axes]
@@ -154,6 +154,13 @@ def draw_model(context: Context, name: str, look: Resolution) -> dict[str, dict[
         "energy": energy([*curves, *maps]),
         "horizon": horizon(curves[1].models, look.rtol),
     }
+
+
+def angles(count: int) -> np.ndarray:
+    """So many angles in degrees and the steepest: a quarter of them over the last six degrees."""
+    near = count // 4
+    flat = np.linspace(0.0, 84.0, count - near, endpoint=False)
+    return np.concatenate((flat, np.linspace(84.0, 89.5, near), [STEEP]))
 
 
 def short(cosines: np.ndarray) -> np.ndarray:

@@ -29,6 +29,7 @@ from albedo.analysis import pumping
 from albedo.analysis.pumped_figures import LIGHTS, READINGS
 from albedo.analysis.radiance import plane_radiance
 from albedo.estimate import format_value
+from albedo.integrators.rules import gauss
 from albedo.studies import Study
 
 if TYPE_CHECKING:
@@ -348,8 +349,8 @@ def excess(n: float, big_t: float) -> tuple[float, float]:
 
 def _parts(n: float, big_t: float, nodes: int) -> tuple[float, float]:
     """What the horizon would have taken away, and what the larger cosine takes."""
-    x, w = np.polynomial.legendre.leggauss(nodes)
-    x, w = 0.5 * (x + 1.0), 0.5 * w
+    rule = gauss(nodes)
+    x, w = rule.nodes, rule.weights
     # The angle to the plane across that of incidence, stretched at the scale of the lobe.
     width = min(1.0, 1.0 / math.sqrt(max(n, 1.0)))
     scale = width / max(big_t, width)

@@ -23,6 +23,7 @@ from albedo import plotting
 from albedo.errors import InputError
 from albedo.estimate import format_value
 from albedo.fresnel import average, fit_lazanyi, reflectance, schlick_f0
+from albedo.integrators.rules import gauss
 from albedo.metals import METALS, SOURCES, refractive_index
 from albedo.studies import Study
 
@@ -123,9 +124,9 @@ def mean_error(off: Callable[[Any], np.ndarray]) -> tuple[float, float]:
     def mean(panels: int) -> float:
         # Panels are short towards grazing incidence, as the grid is.
         edges = np.linspace(0.0, 1.0, panels + 1) ** 2
-        x, w = np.polynomial.legendre.leggauss(8)
-        u = edges[:-1, None] + np.diff(edges)[:, None] * (0.5 * (x + 1.0))
-        weights = 0.5 * np.diff(edges)[:, None] * w
+        rule = gauss(8)
+        u = edges[:-1, None] + np.diff(edges)[:, None] * rule.nodes
+        weights = np.diff(edges)[:, None] * rule.weights
         return float(np.sum(2.0 * u * np.abs(off(u)) * weights))
 
     fine = mean(256)

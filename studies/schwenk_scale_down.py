@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,7 +40,6 @@ STUDY = Study(
     title="What the steps of Schwenk's scale-down lose",
     paper="S",
     claims=("S16",),
-    alone=True,
 )
 
 LITTLE = 0.05
@@ -95,16 +95,7 @@ def run(context: Context) -> None:
         f"Steps over all settings: how often their mean relative change is below {LITTLE:g}",
         machine=[c for c in summary if c.endswith("_cos_light")],
     )
-    costs = measured_costs(200 if context.full else 40)
-    context.table(
-        "costs",
-        costs,
-        "Nanoseconds for a value of the BRDF, on this machine in this run: medians and quartiles "
-        "of rounds in turn; what a step saves is the median of differences within a round",
-        machine=[c for c in costs if c not in ("kernel", "level")],
-    )
     judge(context, summary, frame)
-    say(context, summary, costs)
     context.figure(
         "steps_figure",
         draw_steps(frame),
@@ -125,6 +116,15 @@ def run(context: Context) -> None:
         f"smoothness {LOBE['smoothness']}, metalness {LOBE['metalness']}; the grey line is the "
         "mirror direction.",
     )
+    costs = measured_costs(200 if context.full else 40, context.alone)
+    context.table(
+        "costs",
+        costs,
+        "Nanoseconds for a value of the BRDF, on this machine in this run: medians and quartiles "
+        "of rounds in turn; what a step saves is the median of differences within a round",
+        machine=[c for c in costs if c not in ("kernel", "level")],
+    )
+    say(context, summary, costs)
 
 
 def changes(context: Context) -> pd.DataFrame:
@@ -323,7 +323,9 @@ def block() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return light.reshape(3, 1).copy(), columns[0], columns[1]
 
 
-def measured_costs(rounds: int) -> pd.DataFrame:
+def measured_costs(
+    rounds: int, alone_here: Callable[[], AbstractContextManager[object]]
+) -> pd.DataFrame:
     """Time of a value at each level: the model's own kernels, and specialised ones, in turn."""
     wi, wo, h = block()
     calls: dict[tuple[str, int], Callable[[], None]] = {}
@@ -347,11 +349,12 @@ def measured_costs(rounds: int) -> pd.DataFrame:
     for call in calls.values():
         call()
     spent: dict[tuple[str, int], list[float]] = {key: [] for key in calls}
-    for _ in range(rounds):
-        for key, call in calls.items():
-            start = time.perf_counter()
-            call()
-            spent[key].append(1e9 * (time.perf_counter() - start) / BLOCK)
+    with alone_here():
+        for _ in range(rounds):
+            for key, call in calls.items():
+                start = time.perf_counter()
+                call()
+                spent[key].append(1e9 * (time.perf_counter() - start) / BLOCK)
     table = []
     for (kind, level), times in spent.items():
         low, middle, high = np.percentile(times, (25, 50, 75))

@@ -13,7 +13,7 @@ from albedo.errors import InputError
 
 @pytest.fixture(scope="module")
 def frame() -> pd.DataFrame:
-    return pareto.measure(albedo.model("ward", m=0.4), directions=16, repeats=3)
+    return pareto.prepare(albedo.model("ward", m=0.4), directions=16).times(3)
 
 
 def test_all_ways_are_there(frame: pd.DataFrame) -> None:
@@ -60,7 +60,8 @@ def test_the_cheapest_of_every_kind(frame: pd.DataFrame) -> None:
     assert pareto.cheapest(frame, 1e-13).empty
 
 
-@pytest.mark.parametrize("options", [{"directions": 3}, {"repeats": 1}])
-def test_mistakes_are_named(options: dict[str, int]) -> None:
-    with pytest.raises(InputError, match="at least"):
-        pareto.measure(albedo.model("phong"), **options)
+def test_mistakes_are_named() -> None:
+    with pytest.raises(InputError, match=r"directions = 3 .* at least 16"):
+        pareto.prepare(albedo.model("phong"), directions=3)
+    with pytest.raises(InputError, match=r"repeats = 1 .* at least 3"):
+        pareto.Race([], []).times(1)

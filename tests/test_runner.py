@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
@@ -139,7 +140,7 @@ def test_an_edit_changes_the_digest(tmp_path, monkeypatch):
     assert len(digests) == 4
 
 
-def test_studies_run_side_by_side_and_those_that_take_times_alone(tmp_path):
+def test_studies_run_side_by_side(tmp_path):
     folder = tmp_path / "studies"
     meet = (
         "import time, pathlib; p = pathlib.Path({own!r}); p.touch(); "
@@ -148,20 +149,131 @@ def test_studies_run_side_by_side_and_those_that_take_times_alone(tmp_path):
     )
     a, b = str(tmp_path / "a"), str(tmp_path / "b")
     files = [
-        write(folder, "alone", more=", alone=True"),
         write(folder, "one", meet.format(own=a, other=b)),
         write(folder, "two", meet.format(own=b, other=a)),
     ]
     watcher = Watcher()
     results = run_studies(files, tmp_path / "out", jobs=2, screen=watcher)
-    assert [result.name for result in results] == ["alone", "one", "two"]
-    assert [result.manifest["error"] for result in results] == [None] * 3
-    assert watcher.events[-2:] == ["+alone", "-alone"]
+    assert [result.name for result in results] == ["one", "two"]
+    assert [result.manifest["error"] for result in results] == [None] * 2
     assert set(watcher.events[:2]) == {"+one", "+two"}
-    assert watcher.seen[-1][:2] == (3, 3)
+    assert watcher.seen[-1][:2] == (2, 2)
     assert all(seconds >= 0.0 for _, _, seconds in watcher.seen)
     with pytest.raises(InputError, match="jobs is 0"):
         run_studies(files, tmp_path / "out", jobs=0)
+
+
+def timeline(log: Path) -> dict[str, dict[str, float]]:
+    """When each study did what."""
+    found: dict[str, dict[str, float]] = {}
+    for line in log.read_text().splitlines():
+        name, what, when = line.split()
+        found.setdefault(name, {})[what] = float(when)
+    return found
+
+
+def logging(log: Path, name: str, *steps: str) -> str:
+    """Lines of a study that write down when they are reached; `steps` are lines between them."""
+    note = (
+        "import time\n"
+        "    def note(what):\n"
+        f"        with open({str(log)!r}, 'a') as file:\n"
+        f"            file.write(f'{name} {{what}} {{time.monotonic()}}\\n')"
+    )
+    return "\n    ".join((note, *steps))
+
+
+@pytest.mark.parametrize("jobs", [1, 2, 3])
+def test_times_are_taken_while_nothing_else_runs(tmp_path, jobs):
+    folder, log = tmp_path / "studies", tmp_path / "log"
+    timed = (
+        *("note('begin')", "time.sleep(0.1)", "note('ask')", "with context.alone():"),
+        # What is alone already need not wait to be alone.
+        *("    with context.alone(): note('alone')", "    time.sleep(0.2)", "    note('end')"),
+        "time.sleep(0.1)",
+    )
+    plain = ("note('alone')", "time.sleep(0.6)", "note('end')")
+    files = [
+        *(write(folder, name, logging(log, name, *timed)) for name in ("a_timed", "b_timed")),
+        write(folder, "c_fails", logging(log, "c_fails", *timed[:5], "    raise ValueError()")),
+        *(write(folder, name, logging(log, name, *plain)) for name in ("d_plain", "e_plain")),
+    ]
+    before = time.monotonic()
+    results = run_studies(files, tmp_path / "out", jobs=jobs, keep_failure=True)
+    took = time.monotonic() - before
+    assert [result.failed for result in results] == [False, False, True, False, False]
+    seen = timeline(log)
+    for name in ("a_timed", "b_timed"):
+        for other in seen.keys() - {name, "c_fails"}:
+            apart = seen[name]["end"] <= seen[other]["alone"]
+            assert apart or seen[other]["end"] <= seen[name]["alone"]
+        assert not seen[name]["alone"] < seen["c_fails"]["alone"] < seen[name]["end"]
+    for result in results[:3]:
+        # Nor does the time count that they wait.
+        waited = seen[result.name]["alone"] - seen[result.name]["ask"]
+        assert 0.0 < result.manifest["seconds"] <= took - 0.9 * waited
+    if jobs == 2:
+        # They get ready beside others, which do not wait for them.
+        assert seen["a_timed"]["ask"] < seen["d_plain"]["end"] <= seen["a_timed"]["alone"]
+
+
+def interrupt(
+    folder: Path, names: Sequence[str], out: Path, *, when: Callable[[], bool], jobs: int = 2
+) -> None:
+    """Run studies from the command line, and interrupt them at some time."""
+    environment = {**os.environ, "PYTHONPATH": str(Path(albedo.__file__).parents[1])}
+    process = subprocess.Popen(
+        [
+            *(sys.executable, "-c", "from albedo.cli import main; main()"),
+            *("study", "run", *names, "--jobs", str(jobs), "-o", str(out)),
+        ],
+        cwd=folder.parent,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    end = time.monotonic() + PATIENCE
+    while not when() and time.monotonic() < end:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    try:
+        _, errors = process.communicate(timeout=PATIENCE)
+    finally:
+        process.kill()
+    assert process.returncode == 130, errors
+    assert "Traceback" not in errors
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGINT to send to one process")
+def test_a_study_that_waits_to_be_alone_can_be_interrupted(tmp_path):
+    folder, log = tmp_path / "studies", tmp_path / "log"
+    write(folder, "busy", logging(log, "busy", "note('begin')", f"time.sleep({PATIENCE})"))
+    write(folder, "timed", logging(log, "timed", "note('begin')", "context.alone().__enter__()"))
+    interrupt(
+        *(folder, ("busy", "timed"), tmp_path / "out"),
+        when=lambda: log.exists() and log.read_text().count("begin") == 2,
+    )
+    assert not any((tmp_path / "out").iterdir())
+
+
+def test_tables_alone_are_kept_and_found_again(tmp_path):
+    body = "from albedo.plotting import new_figure; context.figure('drawn', new_figure()[0])"
+    file, out = write(tmp_path / "studies", "one", body), tmp_path / "out"
+    run_studies([file], out, pictures=False)
+    names = {path.name for path in (out / "one").iterdir()}
+    assert names == {"one.csv", "manifest.json"}
+    watcher = Watcher()
+    run_studies([file], out, pictures=False, screen=watcher)
+    assert (watcher.ran, watcher.kept) == ([], ["one"])
+    # Who wants pictures gets them, and who does not want them need not throw them away.
+    run_studies([file], out, screen=watcher)
+    assert (watcher.ran, watcher.kept) == (["one"], ["one"])
+    names = {path.name for path in (out / "one").iterdir()}
+    assert names == {"one.csv", "manifest.json", "drawn.svg", "drawn.png"}
+    for pictures in (True, False):
+        run_studies([file], out, pictures=pictures, screen=watcher)
+    assert (watcher.ran, watcher.kept) == (["one"], ["one"] * 3)
 
 
 def test_progress_reaches_the_screen(tmp_path):
@@ -198,28 +310,7 @@ def test_an_interrupted_run_leaves_no_scraps_and_goes_on(tmp_path):
     mark = tmp_path / "mark"
     slow = f"import time, pathlib; pathlib.Path({str(mark)!r}).touch(); time.sleep(100)"
     write(folder, "b_slow", slow)
-    environment = {**os.environ, "PYTHONPATH": str(Path(albedo.__file__).parents[1])}
-    process = subprocess.Popen(
-        [
-            *(sys.executable, "-c", "from albedo.cli import main; main()"),
-            *("study", "run", "a_quick", "b_slow", "--jobs", "1", "-o", str(out)),
-        ],
-        cwd=tmp_path,
-        env=environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    end = time.monotonic() + PATIENCE
-    while not mark.exists() and time.monotonic() < end:
-        time.sleep(0.05)
-    process.send_signal(signal.SIGINT)
-    try:
-        _, errors = process.communicate(timeout=PATIENCE)
-    finally:
-        process.kill()
-    assert process.returncode == 130, errors
-    assert "Traceback" not in errors
+    interrupt(folder, ("a_quick", "b_slow"), out, when=mark.exists, jobs=1)
     assert [path.name for path in out.iterdir()] == ["a_quick"]
     write(folder, "b_slow")
     files = [file for file in discover(folder) if file.name != "_none"]

@@ -17,6 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from albedo.integrators.rules import gauss
+
 _EPS = float(np.finfo(float).eps)
 
 LIMIT = 2.0 * math.pi + 8.0 / 3.0 * (1.0 - math.atanh(3.0**-0.5) / 3.0**0.5)
@@ -143,8 +145,8 @@ def over_hemisphere(region: Region, m: float | None = None) -> tuple[float, floa
 
 
 def _product(region: Region, m: float | None, nodes: int) -> float:
-    points, weights = np.polynomial.legendre.leggauss(nodes)
-    points, weights = 0.5 * (points + 1.0), 0.5 * weights
+    rule = gauss(nodes)
+    points, weights = rule.nodes, rule.weights
     c, s = region.c, math.cos(region.elevation)
     # The half width ends like a root: sin^2 makes it smooth.
     rise = np.sin(0.5 * math.pi * points) ** 2

@@ -25,6 +25,7 @@ import math
 import platform
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -330,6 +331,7 @@ def samples(
     seconds: float = 1e-3,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
+    alone: Callable[[], AbstractContextManager[object]] = nullcontext,
 ) -> dict[Key, np.ndarray]:
     """Time kernels, in turns.
 
@@ -347,6 +349,8 @@ def samples(
         Of the directions, and of the order of turns.
     progress : callable, optional
         Called with the number of steps done and of all steps: subjects made ready, and rounds.
+    alone : callable, optional
+        Gives what is entered for the rounds, when all is ready.
 
     Returns
     -------
@@ -381,11 +385,12 @@ def samples(
             progress(done, steps)
     found: dict[Key, list[float]] = {key: [] for key in units}
     order, keys = np.random.default_rng(seed), list(units)
-    for done in range(repeats):
-        for k in order.permutation(len(keys)):
-            found[keys[k]].append(units[keys[k]].sample())
-        if progress is not None:
-            progress(len(subjects) + done + 1, steps)
+    with alone():
+        for done in range(repeats):
+            for k in order.permutation(len(keys)):
+                found[keys[k]].append(units[keys[k]].sample())
+            if progress is not None:
+                progress(len(subjects) + done + 1, steps)
     return {key: np.array(values) for key, values in found.items()}
 
 

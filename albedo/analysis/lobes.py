@@ -20,6 +20,7 @@ from albedo.catalogue.blinn import Blinn
 from albedo.catalogue.phong import Phong
 from albedo.directions import spherical
 from albedo.errors import InputError
+from albedo.integrators.rules import gauss
 
 __all__ = ["VIEWS", "BestFactor", "best_factor", "narrow_distance", "narrow_factor"]
 
@@ -226,9 +227,9 @@ def _nodes(
 
 def _rule(ends: list[float], nodes: int) -> tuple[np.ndarray, np.ndarray]:
     """Nodes and weights on panels; a root at the end of a panel is smooth in the variable used."""
-    x, w = np.polynomial.legendre.leggauss(nodes)
-    t = 0.5 + 0.5 * x
-    inner, jump = t * t * (3.0 - 2.0 * t), 3.0 * t * (1.0 - t) * w
+    rule = gauss(nodes)
+    t, w = rule.nodes, rule.weights
+    inner, jump = t * t * (3.0 - 2.0 * t), 6.0 * t * (1.0 - t) * w
     low = np.array(ends[:-1])[:, None]
     size = np.diff(ends)[:, None]
     return (low + size * inner).ravel(), (size * jump).ravel()

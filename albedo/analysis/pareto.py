@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,18 +37,74 @@ _SECONDS = 5e-4
 _LONG, _FEW = 2_000, 16
 
 
-def measure(
+@dataclass(frozen=True)
+class Race:
+    """All ways to the albedo of one model, ready to be timed.
+
+    Attributes
+    ----------
+    rows : list of dict
+        What each way is, and its errors.
+    runs : list of callable
+        Each takes nanoseconds of an entry once.
+    """
+
+    rows: list[dict[str, object]]
+    runs: list[Callable[[], float]]
+
+    def times(
+        self, repeats: int = 7, progress: Callable[[int, int], None] | None = None
+    ) -> pd.DataFrame:
+        """Time all ways, in turns.
+
+        Parameters
+        ----------
+        repeats : int
+            Rounds that medians are of, at least 3.
+        progress : callable, optional
+            Called with rounds done and rounds in all.
+
+        Returns
+        -------
+        pandas.DataFrame
+            One row for every way: ``kind``, ``detail``, ``evaluations`` of the model for an entry,
+            ``bytes``, ``ns`` for an entry with quartiles ``ns_low`` and ``ns_high``, ``ratio`` to
+            the cheapest, the largest and the mean relative error ``worst`` and ``mean``, and
+            ``front``: whether nothing is cheaper and as good.
+
+        Raises
+        ------
+        InputError
+            For fewer rounds.
+        """
+        import pandas as pd
+
+        if repeats < 3:
+            raise InputError(f"repeats = {repeats} is out of range; it must be at least 3")
+        times = np.empty((repeats, len(self.runs)))
+        order = np.random.default_rng(SEED)
+        for done in range(repeats):
+            for k in order.permutation(len(self.runs)):
+                times[done, k] = self.runs[k]()
+            if progress is not None:
+                progress(done + 1, repeats)
+        low, middle, high = np.quantile(times, (0.25, 0.5, 0.75), axis=0)
+        frame = pd.DataFrame(self.rows).assign(ns=middle, ns_low=low, ns_high=high)
+        frame["ratio"] = frame["ns"] / frame["ns"].min()
+        return front(frame).sort_values(["ns", "worst"], ignore_index=True)
+
+
+def prepare(
     model: Model,
     *,
     theta: tuple[float, float] = (0.0, 85.0),
     directions: int = 64,
-    repeats: int = 7,
     stored: Sequence[str] = ("float64", "float32"),
     evaluations: float = math.inf,
     prices: Prices | None = None,
     progress: Callable[[int, int], None] | None = None,
-) -> pd.DataFrame:
-    """Time all ways to the albedo of one model, and measure their errors.
+) -> Race:
+    """Measure the errors of all ways to the albedo of one model, and make them ready to be timed.
 
     Parameters
     ----------
@@ -57,8 +114,6 @@ def measure(
         Smallest and largest angle of incidence, degrees.
     directions : int
         Where errors are measured, at least 16.
-    repeats : int
-        Rounds that medians are of, at least 3.
     stored : sequence of str
         How tables and polynomials may be stored.
     evaluations : float
@@ -66,27 +121,20 @@ def measure(
     prices : Prices, optional
         Which decide how finely the albedo is interpolated.
     progress : callable, optional
-        Called with steps done and steps in all.
+        Called with ways done and ways in all.
 
     Returns
     -------
-    pandas.DataFrame
-        One row for every way: ``kind``, ``detail``, ``evaluations`` of the model for an entry,
-        ``bytes``, ``ns`` for an entry with quartiles ``ns_low`` and ``ns_high``, ``ratio`` to the
-        cheapest, the largest and the mean relative error ``worst`` and ``mean``, and ``front``:
-        whether nothing is cheaper and as good.
+    Race
+        What takes their times.
 
     Raises
     ------
     InputError
         For input out of range.
     """
-    import pandas as pd
-
-    if directions < _FEW or repeats < 3:
-        raise InputError(
-            f"directions = {directions} must be at least {_FEW}, and repeats = {repeats} at least 3"
-        )
+    if directions < _FEW:
+        raise InputError(f"directions = {directions} is out of range; it must be at least {_FEW}")
     scene = Scene(model, (), theta, "sky", 5.0, "albedo", _TOLERANCE, 0.0)
     pilot = Places.draw(scene, 0, directions)
     places = Places.draw(scene, SEED, directions)
@@ -104,18 +152,8 @@ def measure(
         off = np.maximum(np.abs(found / places.known[:count] - 1.0), _EXACT)
         rows.append({**_about(way), "worst": float(off.max()), "mean": float(off.mean())})
         if progress is not None:
-            progress(done, len(ways) * (1 + repeats))
-    times = np.empty((repeats, len(ways)))
-    order = np.random.default_rng(SEED)
-    for round_ in range(repeats):
-        for k in order.permutation(len(ways)):
-            times[round_, k] = runs[k]()
-        if progress is not None:
-            progress((round_ + 2) * len(ways), len(ways) * (1 + repeats))
-    low, middle, high = np.quantile(times, (0.25, 0.5, 0.75), axis=0)
-    frame = pd.DataFrame(rows).assign(ns=middle, ns_low=low, ns_high=high)
-    frame["ratio"] = frame["ns"] / frame["ns"].min()
-    return front(frame).sort_values(["ns", "worst"], ignore_index=True)
+            progress(done + 1, len(ways))
+    return Race(rows, runs)
 
 
 def _about(way: Way) -> dict[str, object]:

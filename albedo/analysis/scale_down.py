@@ -40,6 +40,7 @@ import numpy as np
 
 from albedo.brdf import Model
 from albedo.errors import InputError
+from albedo.integrators.rules import gauss
 from albedo.quadrature import check_tolerances, directional_albedo
 
 LEAST = 1e-290
@@ -261,7 +262,7 @@ def albedo_change(
 
     def means(size: int) -> tuple[np.ndarray, np.ndarray]:
         # In the root of the cosine: albedos may rise like it towards the horizon.
-        t, weight = _gauss(size)
+        t, weight = gauss(size).nodes, gauss(size).weights
         phi = azimuths(size)
         a, a_error, b, b_error = at((t * t)[:, None], phi)
         share = (weight * 4.0 * t**3)[:, None] / phi.size
@@ -391,13 +392,6 @@ def _refined(
     return (value, _MORE * differ + own), agreed
 
 
-@lru_cache(maxsize=64)
-def _gauss(size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and weights on [0, 1]."""
-    x, w = np.polynomial.legendre.leggauss(size)
-    return 0.5 * (x + 1.0), 0.5 * w
-
-
 @dataclass(frozen=True, eq=False)
 class _Directions:
     """Pairs of directions with H in the plane y = 0: (n, 3) each, and their weights (n,)."""
@@ -441,7 +435,7 @@ def _smooth(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 @lru_cache(maxsize=24)
 def _nodes(size: int, width_h: float, width_d: float) -> _Directions:
     """A rule for the mean over pairs of directions, of weight 1 in all."""
-    x, w = _gauss(size)
+    x, w = gauss(size).nodes, gauss(size).weights
     right = 0.5 * math.pi
 
     def panels(width: float, end: float) -> tuple[np.ndarray, np.ndarray]:
