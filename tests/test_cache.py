@@ -121,6 +121,16 @@ def test_a_kernel_is_called_by_its_address_with_its_own_types_only() -> None:
         np.testing.assert_array_equal(y, expected)
     with pytest.raises(TypingError, match="is called with"):
         through(address(double, types), np.arange(4), y)
+    # On disk it is the one that a call compiles.
+    double(x, y)
+    assert len(double.signatures) == 1
+
+    @kernel
+    def total(x, y):
+        return x.sum() + y.sum()
+
+    with pytest.raises(TypingError, match="returns float64, not none"):
+        address(total, types)
 
 
 def test_only_an_empty_cache_gets_a_second_compiler(

@@ -237,7 +237,8 @@ def test_a_folder_that_cannot_be_written_gets_one_sentence(tmp_path, monkeypatch
     (tmp_path / "studies").mkdir()
     (tmp_path / "studies" / "one.py").write_text("x = 1")
     (tmp_path / "taken").write_text("a file, not a folder")
-    assert "taken" in refused("report", "-o", "taken/site")
+    says = refused("report", "-o", "taken/more/site")
+    assert "The folder 'taken/more/site' cannot be made; 'taken" in says
 
 
 def test_a_table_as_netcdf(tmp_path):

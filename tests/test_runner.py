@@ -9,14 +9,15 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 import albedo
-from albedo import sources
+from albedo import _compile, sources
 from albedo.cli import app
 from albedo.errors import InputError
 from albedo.runner import run_studies
@@ -255,6 +256,39 @@ def test_a_study_that_waits_to_be_alone_can_be_interrupted(tmp_path):
         when=lambda: log.exists() and log.read_text().count("begin") == 2,
     )
     assert not any((tmp_path / "out").iterdir())
+
+
+def test_what_integrates_is_compiled_beside_the_first_study(tmp_path, monkeypatch):
+    folder, log, steps = tmp_path / "studies", tmp_path / "log", ("note('begin')", "note('end')")
+    names = ("a_first", "b_second", "c_third")
+    files = [write(folder, name, logging(log, name, *steps)) for name in names]
+    asked: list[str] = []
+
+    class Helper:
+        """Is busy until two studies have ended."""
+
+        def poll(self) -> int | None:
+            done = log.exists() and log.read_text().count("end") >= 2
+            return 0 if done else None
+
+    @contextmanager
+    def second_compiler(*models: str) -> Iterator[Helper]:
+        asked.append("begun")
+        yield Helper()
+        asked.append("closed")
+
+    monkeypatch.setattr(_compile, "second_compiler", second_compiler)
+    run_studies(files, tmp_path / "out", jobs=2)
+    assert asked == ["begun", "closed"]
+    seen = timeline(log)
+    first, second, third = (seen[name] for name in names)
+    # It takes the place of a study.
+    assert first["end"] <= second["begin"]
+    assert second["end"] <= third["begin"]
+    # Where one runs at a time there is no place for it.
+    asked.clear()
+    run_studies(files, tmp_path / "out", jobs=1, again=True)
+    assert asked == []
 
 
 def test_tables_alone_are_kept_and_found_again(tmp_path):

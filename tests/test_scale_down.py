@@ -5,6 +5,7 @@ from __future__ import annotations
 import doctest
 import math
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -427,7 +428,7 @@ def test_specialised_kernels_are_the_model(study: ModuleType, level: int) -> Non
 
 
 def test_costs_are_measured_in_turn(study: ModuleType) -> None:
-    costs = study.measured_costs(3)
+    costs = study.measured_costs(3, nullcontext)
     assert sorted(costs["level"]) == sorted(2 * [0, 1, 2, 3, 4])
     assert np.all((costs["ns_low"] > 0.0) & (costs["ns_low"] <= costs["ns"]))
     assert np.all(costs["ns"] <= costs["ns_high"])
