@@ -171,7 +171,7 @@ JobsOption = Annotated[
     typer.Option(
         "-j",
         "--jobs",
-        help="How many studies run at a time; those that take times run alone.",
+        help="How many studies run at a time; times are taken while nothing else runs.",
         show_default="as many as there are cores",
     ),
 ]
