@@ -177,7 +177,8 @@ def run_studies(
     stack = ExitStack()
     try:
         while todo or running:
-            _let_one_be_alone(running)
+            if not _compiles(helper):
+                _let_one_be_alone(running)
             while todo and _may_begin(running, jobs - _compiles(helper)):
                 file = todo.pop(0)
                 shared = min(jobs, len(todo) + len(running) + 1)

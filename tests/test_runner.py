@@ -10,14 +10,14 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 import albedo
-from albedo import _compile, sources
+from albedo import _compile, runner, sources
 from albedo.cli import app
 from albedo.errors import InputError
 from albedo.runner import run_studies
@@ -185,7 +185,8 @@ def logging(log: Path, name: str, *steps: str) -> str:
 
 
 @pytest.mark.parametrize("jobs", [1, 2, 3])
-def test_times_are_taken_while_nothing_else_runs(tmp_path, jobs):
+def test_times_are_taken_while_nothing_else_runs(tmp_path, jobs, monkeypatch):
+    monkeypatch.setattr(runner, "_second_compiler", nullcontext)
     folder, log = tmp_path / "studies", tmp_path / "log"
     timed = (
         *("note('begin')", "time.sleep(0.1)", "note('ask')", "with context.alone():"),
@@ -194,8 +195,11 @@ def test_times_are_taken_while_nothing_else_runs(tmp_path, jobs):
         "time.sleep(0.1)",
     )
     plain = ("note('alone')", "time.sleep(0.6)", "note('end')")
+    # Where all that run wait at once, one goes on before others begin: here one still runs.
+    patient = f"while {jobs} > 1 and 'd_plain' not in open({str(log)!r}).read(): time.sleep(0.01)"
     files = [
-        *(write(folder, name, logging(log, name, *timed)) for name in ("a_timed", "b_timed")),
+        write(folder, "a_timed", logging(log, "a_timed", *timed)),
+        write(folder, "b_timed", logging(log, "b_timed", timed[0], patient, *timed[2:])),
         write(folder, "c_fails", logging(log, "c_fails", *timed[:5], "    raise ValueError()")),
         *(write(folder, name, logging(log, name, *plain)) for name in ("d_plain", "e_plain")),
     ]
@@ -289,6 +293,13 @@ def test_what_integrates_is_compiled_beside_the_first_study(tmp_path, monkeypatc
     asked.clear()
     run_studies(files, tmp_path / "out", jobs=1, again=True)
     assert asked == []
+    # Nor are times taken while it compiles.
+    log.unlink()
+    timed = ("with context.alone(): note('begin')", "note('end')")
+    files[0] = write(folder, "a_first", logging(log, "a_first", *timed))
+    run_studies(files, tmp_path / "out", jobs=2, again=True)
+    seen = timeline(log)
+    assert seen["c_third"]["end"] <= seen["a_first"]["begin"]
 
 
 def test_tables_alone_are_kept_and_found_again(tmp_path):
