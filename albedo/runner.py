@@ -285,28 +285,39 @@ def _work(
     os.environ.update(environment)
     said = 0.0
 
+    @contextmanager
+    def heard() -> Iterator[None]:
+        """Where nobody is there any more this is no failure of the study: it is interrupted."""
+        try:
+            yield
+        except (BrokenPipeError, EOFError):
+            raise KeyboardInterrupt from None
+
     def progress(done: int, total: int, text: str) -> None:
         nonlocal said
         # Nobody reads more than a few of them in a second.
         if time.monotonic() - said > 0.1:
             said = time.monotonic()
-            pipe.send(("step", (done, total, text)))
+            with heard():
+                pipe.send(("step", (done, total, text)))
 
     @contextmanager
     def alone() -> Iterator[None]:
-        pipe.send(("alone", None))
-        # Nothing but the leave to go on comes this way.
-        pipe.recv()
+        with heard():
+            pipe.send(("alone", None))
+            # Nothing but the leave to go on comes this way.
+            pipe.recv()
         try:
             yield
         finally:
-            pipe.send(("together", None))
+            with heard():
+                pipe.send(("together", None))
 
     try:
         result = run_study(file, out, progress=progress, alone=alone, **options)
     except InputError as error:
         pipe.send(("refused", str(error)))
-    except (KeyboardInterrupt, BrokenPipeError, EOFError):
+    except (KeyboardInterrupt, BrokenPipeError):
         # The one who asked for this stopped, and says so.
         sys.exit(_INTERRUPTED)
     else:

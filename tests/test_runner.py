@@ -223,7 +223,13 @@ def test_times_are_taken_while_nothing_else_runs(tmp_path, jobs, monkeypatch):
 
 
 def interrupt(
-    folder: Path, names: Sequence[str], out: Path, *, when: Callable[[], bool], jobs: int = 2
+    folder: Path,
+    names: Sequence[str],
+    out: Path,
+    *,
+    when: Callable[[], bool],
+    jobs: int = 2,
+    how: int = signal.SIGINT,
 ) -> None:
     """Run studies from the command line, and interrupt them at some time."""
     environment = {**os.environ, "PYTHONPATH": str(Path(albedo.__file__).parents[1])}
@@ -241,12 +247,12 @@ def interrupt(
     end = time.monotonic() + PATIENCE
     while not when() and time.monotonic() < end:
         time.sleep(0.05)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(how)
     try:
         _, errors = process.communicate(timeout=PATIENCE)
     finally:
         process.kill()
-    assert process.returncode == 130, errors
+    assert process.returncode == (130 if how == signal.SIGINT else -how), errors
     assert "Traceback" not in errors
 
 
@@ -260,6 +266,28 @@ def test_a_study_that_waits_to_be_alone_can_be_interrupted(tmp_path):
         when=lambda: log.exists() and log.read_text().count("begin") == 2,
     )
     assert not any((tmp_path / "out").iterdir())
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGKILL")
+def test_studies_whose_runner_was_killed_end_and_leave_nothing(tmp_path):
+    folder, log, out = tmp_path / "studies", tmp_path / "log", tmp_path / "out"
+    busy = "    for k in range(10_000): context.progress(k, 10_000); time.sleep(0.05)"
+    timed = "    with context.alone(): note('alone')"
+    for name, body in (("busy", busy), ("timed", timed)):
+        steps = ("note('begin')", "try:", body, "finally: note('over')")
+        write(folder, name, logging(log, name, *steps))
+    interrupt(
+        *(folder, ("busy", "timed"), out),
+        when=lambda: log.exists() and log.read_text().count("begin") == 2,
+        how=signal.SIGKILL,
+    )
+    end = time.monotonic() + PATIENCE
+    # Their folders are there for a moment longer than what runs in them.
+    while time.monotonic() < end and (log.read_text().count("over") < 2 or any(out.glob(".*"))):
+        time.sleep(0.05)
+    assert log.read_text().count("over") == 2
+    assert "alone" not in log.read_text()
+    assert not any(out.iterdir())
 
 
 def test_what_integrates_is_compiled_beside_the_first_study(tmp_path, monkeypatch):
