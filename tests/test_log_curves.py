@@ -10,7 +10,7 @@ from numpy.polynomial import chebyshev
 
 from albedo.charts.heights import FIRST, LAST
 from albedo.operators.divisor import TERMS, LogCurve, curve_along, straight
-from albedo.operators.ladder import _Piece
+from albedo.operators.pieces import Piece
 from albedo.operators.nodes import places
 
 _EPS = np.finfo(np.float64).eps
@@ -76,7 +76,7 @@ def test_a_curve_along_a_slice_is_the_curve(seed: int, pieces: int, width: float
     y[:2] = rng.choice(curve.edges, 2)
     y = np.sort(y)[:: 1 if up else -1].copy()
     out = np.empty(20)
-    curve_along(y, 2, 22, curve.pieces, 0, out)
+    curve_along(y, 2, 22, *curve.pieces, 0, out)
     # On an end of a part both its neighbours are the curve.
     bound = 2.0 * curve.polynomials.left_out.max() + 1e-14 * np.abs(curve.coefficients).sum(1).max()
     np.testing.assert_allclose(out, curve.at(y[2:22]), rtol=0.0, atol=bound)
@@ -85,8 +85,8 @@ def test_a_curve_along_a_slice_is_the_curve(seed: int, pieces: int, width: float
 @pytest.mark.parametrize("gaps", [4, 8])
 @pytest.mark.parametrize("bent", [0, 1, 2])
 def test_a_piece_with_more_nodes_keeps_its_rows(gaps: int, bent: int) -> None:
-    piece = _Piece(-0.3, 1.7 / 7.0, bent, gaps)
-    finer = _Piece(-0.3, 1.7 / 7.0, bent, 2 * gaps)
+    piece = Piece(-0.3, 1.7 / 7.0, bent, gaps)
+    finer = Piece(-0.3, 1.7 / 7.0, bent, 2 * gaps)
     nodes = finer.y[: 2 * gaps + 1]
     assert np.all(np.isin(piece.y, nodes))
     # Both ends are nodes, shared with neighbours in the same bits.

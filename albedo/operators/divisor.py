@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, cached_property
 
 import numpy as np
@@ -36,8 +36,8 @@ TERMS = 18
 # all other terms to sum to no more than this share of the curve's error.
 FEW, _LEFT_OUT = 8, 0.01
 PARTS = (1, 2, 4, 8, 16, 32)
-# Even cells of y, in which pieces are looked up.
-_CELLS = 256
+# Even cells of y, in which pieces are looked up; up to the first number they are wide.
+_FAR, _FAR_CELLS, _CELLS = -4.0, 64, 1024
 # Runs of nodes, and rows, that are worth another thread.
 _FEW_RUNS, _FEW_ROWS = 300, 200
 # Samples of a piece in the search for extrema.
@@ -50,61 +50,59 @@ _NEAR = 2.0 * np.finfo(np.float64).eps
 # a share of what a function changes by from one sample to the next.
 _SECTIONS, _STEEP, _GOLDEN = 40, 0.5, 0.5 * (math.sqrt(5.0) - 1.0)
 
+# What is told of a part, see `packed`.
+_LOW, _HIGH, _BENT, _BASE, _CENTRE, _RATE, _TERMS = range(7)
+
 CONTROLS = (None, "literal", "cumulative")
 """No control (NNS eq. 20); each step divides by max(a(L), a(V), n.l, n.v) (eq. 21 as it stands);
 or the product of all divisors never falls below max(n.l, n.v)."""
 
 
-def straight(y: np.ndarray, low: float, high: float, bent: int) -> np.ndarray:
+def straight(
+    y: np.ndarray, low: float | np.ndarray, high: float | np.ndarray, bent: int | np.ndarray
+) -> np.ndarray:
     """The variable of a series, from -1 to 1, at coordinates y of a piece."""
-    x = (y - low) / (high - low)
-    if bent == 1:
-        x = np.sqrt(x)
-    elif bent == 2:
-        x = 1.0 - np.sqrt((high - y) / (high - low))
-    return 2.0 * x - 1.0
+    x, rest = (y - low) / (high - low), (high - y) / (high - low)
+    x = np.where(bent == 1, np.sqrt(x), np.where(bent == 2, 1.0 - np.sqrt(rest), x))
+    found: np.ndarray = 2.0 * x - 1.0
+    return found
+
+
+def placed(x: np.ndarray, bent: int | np.ndarray) -> np.ndarray:
+    """Places on a piece, from 0 to 1, of which those of x are even in the variable of a series."""
+    found: np.ndarray = np.where(bent == 1, x * x, np.where(bent == 2, x * (2.0 - x), x))
+    return found
 
 
 @inlined
 def _cell(y):
-    """Which of even cells of y holds a place."""
-    return int((min(max(y, FIRST), LAST) - FIRST) * (_CELLS / (LAST - FIRST)))
+    """Which of the cells of y holds a place."""
+    if y < _FAR:
+        return int((max(y, FIRST) - FIRST) * (_FAR_CELLS / (_FAR - FIRST)))
+    return _FAR_CELLS + int((min(y, LAST) - _FAR) * (_CELLS / (LAST - _FAR)))
 
 
 @inlined
-def _variable(y, a, b, bent):
-    """The variable of a series at a place of its piece; see `straight`."""
-    if bent == 1:
-        return 2.0 * math.sqrt((y - a) / (b - a)) - 1.0
-    if bent == 2:
-        return 1.0 - 2.0 * math.sqrt((b - y) / (b - a))
-    return ((y - a) - (b - y)) / (b - a)
-
-
-@inlined
-def _series_of(y, pieces, j):
-    """The piece of curve j that holds y, and the variable of its series; see `packed`."""
-    edges, bent, _, _, _, first = pieces
+def _part_of(y, parts, cells, j):
+    """The part of curve j that holds y."""
     cell = _cell(y)
-    low, high = first[j, cell], first[j, cell + 1] + 1
+    low, high = cells[j, cell], cells[j, cell + 1] + 1
     while high - low > 1:
         middle = (low + high) // 2
-        if edges[middle] <= y:
+        if parts[middle, _LOW] <= y:
             low = middle
         else:
             high = middle
-    a, b = edges[low], edges[low + 1]
-    return low, _variable(min(max(y, a), b), a, b, bent[low])
+    return low
 
 
 @inlined
-def _part_of(y, pieces, j):
-    """The part of a piece of curve j that holds y, and the variable of its polynomial."""
-    k, u = _series_of(y, pieces, j)
-    _, _, start, parts, _, _ = pieces
-    x = 0.5 * (u + 1.0) * parts[k]
-    part = min(int(x), parts[k] - 1)
-    return start[k] + part, 2.0 * (x - part) - 1.0
+def _variable(y, i, parts):
+    """The variable of part i at y."""
+    y = min(max(y, parts[i, _LOW]), parts[i, _HIGH])
+    if parts[i, _BENT] != 0.0:
+        y = math.sqrt(abs(y - parts[i, _BASE]))
+    return (y - parts[i, _CENTRE]) * parts[i, _RATE]
 
 
 @inlined
@@ -117,72 +115,71 @@ def _polynomial(c_0, c_1, c_2, c_3, c_4, c_5, c_6, c_7, t):
 
 
 @inlined
-def curve_at(y, pieces, j):
-    """The logarithm that curve j of packed ones holds at y."""
-    i, t = _part_of(y, pieces, j)
-    c = pieces[4]
-    return _polynomial(*(c[i, 0], c[i, 1], c[i, 2], c[i, 3], c[i, 4], c[i, 5], c[i, 6], c[i, 7]), t)
+def _terms_of(i, parts):
+    """The coefficients of part i."""
+    c = parts[i, _TERMS:]
+    return c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7]
 
 
 @inlined
-def is_below(low, high, goal, pieces, j, turns):
+def curve_at(y, parts, cells, j):
+    """The logarithm that curve j of packed ones holds at y."""
+    i = _part_of(y, parts, cells, j)
+    return _polynomial(*_terms_of(i, parts), _variable(y, i, parts))
+
+
+@inlined
+def is_below(low, high, goal, parts, cells, j, turns):
     """Whether curve j, whose turns are given, is known to be no more than a goal between two y."""
     turn = 1
     while turn < turns.size - 1 and turns[turn] <= low:
         turn += 1
     if turn < turns.size - 1 and turns[turn] < high:
         return False
-    return max(curve_at(low, pieces, j), curve_at(high, pieces, j)) <= goal
+    return max(curve_at(low, parts, cells, j), curve_at(high, parts, cells, j)) <= goal
 
 
 @kernel
-def curve_along(y, begin, end, pieces, j, out):
+def curve_along(y, begin, end, parts, cells, j, out):
     """Fill what curve j holds at the nodes of one slice, whose y rise or fall, from `begin` on."""
-    edges, bent, start, parts, c, _ = pieces
     i = begin
     while i < end:
-        k, u = _series_of(y[i], pieces, j)
-        a, b, kind, count = edges[k], edges[k + 1], bent[k], parts[k]
-        x = 0.5 * (u + 1.0) * count
-        own = min(int(x), count - 1)
-        out[i - begin] = 2.0 * (x - own) - 1.0
+        part = _part_of(y[i], parts, cells, j)
         # The next nodes mostly lie in the same part, where nothing is looked up.
-        stop = i + 1
-        while stop < end:
-            z = y[stop]
-            if not a <= z <= b:
-                break
-            x = 0.5 * (_variable(z, a, b, kind) + 1.0) * count - own
-            if not 0.0 <= x <= 1.0:
-                break
-            out[stop - begin] = 2.0 * x - 1.0
+        stop, low, high = i + 1, parts[part, _LOW], parts[part, _HIGH]
+        while stop < end and low <= y[stop] < high:
             stop += 1
-        part = start[k] + own
-        c_0, c_1, c_2, c_3 = c[part, 0], c[part, 1], c[part, 2], c[part, 3]
-        c_4, c_5, c_6, c_7 = c[part, 4], c[part, 5], c[part, 6], c[part, 7]
-        for m in range(i - begin, stop - begin):
-            out[m] = _polynomial(c_0, c_1, c_2, c_3, c_4, c_5, c_6, c_7, out[m])
+        base, centre, rate = parts[part, _BASE], parts[part, _CENTRE], parts[part, _RATE]
+        c_0, c_1, c_2, c_3, c_4, c_5, c_6, c_7 = _terms_of(part, parts)
+        if parts[part, _BENT] != 0.0:
+            for m in range(i, stop):
+                t = (math.sqrt(abs(y[m] - base)) - centre) * rate
+                out[m - begin] = _polynomial(c_0, c_1, c_2, c_3, c_4, c_5, c_6, c_7, t)
+        else:
+            for m in range(i, stop):
+                t = (y[m] - centre) * rate
+                out[m - begin] = _polynomial(c_0, c_1, c_2, c_3, c_4, c_5, c_6, c_7, t)
         i = stop
 
 
 @kernel
-def _rising(y, pieces, j):
+def _rising(y, parts, cells, j):
     """Whether curve j grows with y, from the derivative of its polynomial."""
-    i, t = _part_of(y, pieces, j)
-    c = pieces[4]
+    i = _part_of(y, parts, cells, j)
+    t = _variable(y, i, parts)
     slope = 0.0
-    for k in range(c.shape[1] - 1, 0, -1):
-        slope = slope * t + k * c[i, k]
+    for k in range(FEW - 1, 0, -1):
+        slope = slope * t + k * parts[i, _TERMS + k]
     return slope > 0.0
 
 
 @kernel
-def _turn_between(low, high, pieces):
+def _turn_between(low, high, parts, cells):
     """The place between two others where a curve ceases to rise, or to fall."""
-    before = _rising(low, pieces, 0)
+    before = _rising(low, parts, cells, 0)
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
-        if _rising(middle, pieces, 0) == before:
+        if _rising(middle, parts, cells, 0) == before:
             low = middle
         else:
             high = middle
@@ -190,24 +187,27 @@ def _turn_between(low, high, pieces):
 
 
 @kernel
-def _curve_all(y, pieces, out):
+def _curve_all(y, parts, cells, out):
     for i in range(y.size):
-        out[i] = curve_at(y[i], pieces, 0)
+        out[i] = curve_at(y[i], parts, cells, 0)
 
 
 @kernel
-def spread(row, piece, y, share, lowest, own_piece, at_l, pieces, matrix):
-    """Add what is sent on from some heights in some rows to the pieces of a curve that it is
+def spread(row, cell, y, share, lowest, at_l, parts, cells, matrix, own):
+    """Add what is sent on from some heights in some rows to the cells of a curve that it is
     divided by.
 
-    It is the piece of V, or that of L, `own_piece` with the value `at_l`, where that is larger;
-    neither where both are below `lowest`.
+    It is the cell of V, or that of L, with the value `at_l`, where that is larger: `own`; neither
+    where both are below `lowest`.
     """
     for i in range(y.size):
         r = row[i]
-        at_v = curve_at(y[i], pieces, 0)
+        at_v = curve_at(y[i], parts, cells, 0)
         if max(at_v, at_l[r]) >= lowest[i]:
-            matrix[r, own_piece[r] if at_l[r] >= at_v else piece[i]] += share[i]
+            if at_l[r] >= at_v:
+                own[r] += share[i]
+            else:
+                matrix[r, cell[i]] += share[i]
 
 
 @kernel
@@ -216,42 +216,49 @@ def _cells_all(y, out):
         out[i] = _cell(y[i])
 
 
-Pieces = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-"""What kernels know of curves: see `packed`."""
+Pieces = tuple[np.ndarray, np.ndarray]
+"""What kernels know of curves: see `packed`. They are handed its arrays one by one: numba counts
+the references to those in a tuple each time that it is read."""
 
 
 def packed(curves: Sequence[LogCurve]) -> Pieces:
-    """All pieces of some curves, one after the other.
+    """All parts of the pieces of some curves, one after the other.
 
     Returns
     -------
-    edges, bent, start, parts : ndarray
-        Piece k of all has the ends edges[k] and edges[k + 1]; between two curves there is one that
-        is none. It has so many even parts, from number start[k] on.
-    terms : ndarray, shape (all parts, 8)
-        Polynomials of the parts.
-    first : ndarray of int, shape (curves, cells + 2)
-        The first piece of each curve that may hold what lies in one of even cells of y.
+    parts : ndarray, shape (all parts, 14)
+        Both ends of each; where it is bent (not 0), from which base; centre, rate and coefficients:
+        it is a polynomial of (x - centre) * rate, where x is y, or the root of the distance from
+        its base where it is bent.
+    cells : ndarray of int, shape (curves, cells + 2)
+        The first part of each curve that may hold what lies in one of the cells of y.
     """
     if not curves:
-        whole = np.zeros(1, dtype=int)
-        return np.zeros(2), whole, whole, whole + 1, np.zeros((1, FEW)), np.zeros((0, 1), int)
-    begin, first = 0, np.zeros((len(curves), _CELLS + 2), dtype=int)
-    for j, curve in enumerate(curves):
-        cells = np.empty(curve.error.size, dtype=int)
-        _cells_all(curve.edges[:-1], cells)
-        before = np.searchsorted(cells, np.arange(_CELLS + 2)) - 1
-        first[j] = begin + np.maximum(before, 0)
-        begin += curve.edges.size
-    parts = np.concatenate([np.append(curve.polynomials.parts, 0) for curve in curves])
-    return (
-        np.concatenate([curve.edges for curve in curves]),
-        np.concatenate([np.append(curve.bent, 0) for curve in curves]),
-        np.cumsum(parts) - parts,
-        parts,
-        np.concatenate([curve.polynomials.terms for curve in curves]),
-        first,
-    )
+        return np.zeros((1, _TERMS + FEW)), np.zeros((0, 1), np.int32)
+    found = [curve.pieces for curve in curves]
+    begin = np.cumsum([0] + [parts.shape[0] for parts, _ in found[:-1]])
+    cells = np.concatenate([cells for _, cells in found]) + begin[:, None]
+    return np.concatenate([parts for parts, _ in found]), cells.astype(np.int32)
+
+
+def _packed_one(curve: LogCurve) -> Pieces:
+    """What `packed` returns for one curve."""
+    count = curve.polynomials.parts
+    piece = np.repeat(np.arange(count.size), count)
+    number, count = np.arange(piece.size) - (np.cumsum(count) - count)[piece], count[piece]
+    low, high, bent = curve.edges[piece], curve.edges[piece + 1], curve.bent[piece]
+    edges = np.append(low + placed(number / count, bent) * (high - low), curve.edges[-1])
+    own = np.empty(piece.size, dtype=int)
+    _cells_all(edges[:-1], own)
+    cells = np.maximum(np.searchsorted(own, np.arange(_FAR_CELLS + _CELLS + 2)) - 1, 0)
+    # From the end of a piece at which it is bent its parts are counted backwards.
+    size, number = high - low, np.where(bent == 2, count - 1 - number, number)
+    size = np.where(bent == 0, size, np.sqrt(size))
+    base = np.where(bent == 2, high, low)
+    centre = np.where(bent == 0, low, 0.0) + (number + 0.5) / count * size
+    rate = np.where(bent == 2, -2.0, 2.0) * count / size
+    columns = edges[:-1], edges[1:], bent, base, centre, rate, curve.polynomials.terms
+    return np.column_stack(columns), cells.astype(np.int32)[None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -318,17 +325,20 @@ class LogCurve:
         Bound on the error of each series, relative to the albedo.
     bent : ndarray of int, shape (m,)
         Pieces whose series are in the root of the distance from the lower (1) or upper end (2).
+    bends : ndarray
+        Coordinates at which the curve bends, ascending.
     """
 
     edges: np.ndarray
     coefficients: np.ndarray
     error: np.ndarray
     bent: np.ndarray
+    bends: np.ndarray = field(default_factory=lambda: np.empty(0))
 
     def at(self, y: np.ndarray) -> np.ndarray:
         """The logarithm at coordinates y of any shape."""
         out = np.empty(y.size)
-        _curve_all(np.ascontiguousarray(y).ravel(), self.pieces, out)
+        _curve_all(np.ascontiguousarray(y).ravel(), *self.pieces, out)
         return out.reshape(y.shape)
 
     @cached_property
@@ -353,7 +363,7 @@ class LogCurve:
     @cached_property
     def pieces(self) -> Pieces:
         """This curve as kernels know it."""
-        return packed([self])
+        return _packed_one(self)
 
     def __call__(self, cos_theta: np.ndarray) -> np.ndarray:
         """The albedo at cosines of any shape."""
@@ -384,12 +394,6 @@ class LogCurve:
         """Coordinates at which the albedo is the cosine."""
         return _sign_changes(lambda y: self.at(y) - np.log(unfolded(y)), self.samples)
 
-    @property
-    def bends(self) -> np.ndarray:
-        """Coordinates at which the curve may bend: ends of bent pieces."""
-        starts, ends = self.edges[:-1][self.bent == 1], self.edges[1:][self.bent == 2]
-        return np.unique(np.concatenate((starts, ends)))
-
     @cached_property
     def samples(self) -> np.ndarray:
         """Coordinates y that show every extremum, ascending, with both ends."""
@@ -401,9 +405,12 @@ class LogCurve:
 def _marks(curve: LogCurve) -> np.ndarray:
     """Coordinates at which a curve has the value of one of its extrema or ends, those included."""
     ends = curve.turns
-    if ends.size == 2:
-        return np.empty(0)
-    found = np.concatenate((ends[1:-1], *_equal_levels(_Step(curve, False), ends)))
+    return np.union1d(ends[1:-1], mates(curve, ends))
+
+
+def mates(curve: LogCurve, y: np.ndarray) -> np.ndarray:
+    """Coordinates at which a curve has the values that it has at others, but for these."""
+    found = np.concatenate([np.empty(0), *_equal_levels(_Step(curve, False), y)])
     return np.unique(found[np.isfinite(found)])
 
 
@@ -421,9 +428,9 @@ def summed(curves: list[LogCurve]) -> LogCurve:
 
 
 @kernel
-def _log_divisors(row, first, count, y, l_l, known, pieces, control, out):
+def _log_divisors(row, first, count, y, l_l, known, parts, cells, control, out):
     """Log of the divisor at runs of nodes, each in a row; `known` has the curves at L."""
-    steps = pieces[5].shape[0]
+    steps = cells.shape[0]
     room = 1
     for k in range(row.size):
         room = max(room, count[k])
@@ -436,7 +443,7 @@ def _log_divisors(row, first, count, y, l_l, known, pieces, control, out):
             if control != 0:
                 largest[i - begin] = max(log_height(y[i]), l_l[r])
         for j in range(steps):
-            curve_along(y, begin, end, pieces, j, at_v)
+            curve_along(y, begin, end, parts, cells, j, at_v)
             at_l = known[r, j]
             for i in range(begin, end):
                 value = max(at_v[i - begin], at_l)
@@ -449,15 +456,15 @@ def _log_divisors(row, first, count, y, l_l, known, pieces, control, out):
 
 
 @kernel
-def _divide(wi, wo, pieces, control, known, out):
+def _divide(wi, wo, parts, cells, control, known, out):
     """Divide values by the divisor; `known` is room for the curves at L."""
-    steps = pieces[5].shape[0]
+    steps = cells.shape[0]
     for k in range(out.shape[0]):
         lz = wi[2, k]
         y_l = fold_vector(wi[0, k], wi[1, k], lz)
         l_l = math.log(max(lz, LOWEST))
         for j in range(steps):
-            known[j] = curve_at(y_l, pieces, j)
+            known[j] = curve_at(y_l, parts, cells, j)
         for i in range(out.shape[1]):
             vz = wo[2, k, i]
             if not vz > 0.0:
@@ -466,7 +473,7 @@ def _divide(wi, wo, pieces, control, known, out):
             largest = max(log_height(y), l_l) if control != 0 else -math.inf
             total = 0.0
             for j in range(steps):
-                value = max(curve_at(y, pieces, j), known[j])
+                value = max(curve_at(y, parts, cells, j), known[j])
                 if control == 1:
                     value = max(value, largest)
                 total += value
@@ -527,7 +534,7 @@ class Divisor:
         empty = np.empty((y_l.size, 0))
         known = np.column_stack([empty, *(curve.at(y_l) for curve in self._used)])
         lowest = np.log(np.maximum(cos_light, LOWEST))
-        rest = lowest, np.ascontiguousarray(known), self._pieces, self._code, out
+        rest = lowest, np.ascontiguousarray(known), *self._pieces, self._code, out
 
         def fill(part: slice) -> None:
             _log_divisors(row[part], first[part], count[part], y, *rest)
@@ -536,7 +543,7 @@ class Divisor:
 
     def divide(self, wi: np.ndarray, wo: np.ndarray, out: np.ndarray) -> None:
         """Divide values of a kernel by the divisor, in place."""
-        _divide(wi, wo, self._pieces, self._code, np.empty(len(self._used)), out)
+        _divide(wi, wo, *self._pieces, self._code, np.empty(len(self._used)), out)
 
     def between(self, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
         """The divisor for pairs of unit vectors (n, 3)."""
@@ -630,30 +637,30 @@ class Divisor:
         room = 4
         while True:
             out = np.full((room, y_l.size), np.nan)
-            most = _clamp_levels(y, log_v, at_v, y_l, at_l, used._pieces, out)
+            most = _clamp_levels(y, log_v, at_v, y_l, at_l, *used._pieces, out)
             if most <= room:
                 return list(out[:most])
             room = most
 
 
 @kernel
-def _excess(y, log_l, at_l, r, pieces):
+def _excess(y, log_l, at_l, r, parts, cells):
     """How far a sum of maxima at y exceeds the log of the larger cosine, for the light of row r."""
     total = 0.0
     for j in range(at_l.shape[0]):
-        total += max(curve_at(y, pieces, j), at_l[j, r])
+        total += max(curve_at(y, parts, cells, j), at_l[j, r])
     return total - max(log_height(y), log_l)
 
 
 @kernel
-def _change(low, high, log_l, at_l, r, pieces):
+def _change(low, high, log_l, at_l, r, parts, cells):
     """The place between two others at which the excess changes its sign."""
-    before = _excess(low, log_l, at_l, r, pieces) > 0.0
+    before = _excess(low, log_l, at_l, r, parts, cells) > 0.0
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
         if middle in (low, high):
             break
-        if (_excess(middle, log_l, at_l, r, pieces) > 0.0) == before:
+        if (_excess(middle, log_l, at_l, r, parts, cells) > 0.0) == before:
             low = middle
         else:
             high = middle
@@ -661,13 +668,13 @@ def _change(low, high, log_l, at_l, r, pieces):
 
 
 @kernel
-def _closest(low, high, log_l, at_l, r, pieces):
+def _closest(low, high, log_l, at_l, r, parts, cells):
     """The place where the excess is nearest to 0, or beyond, between two of one sign."""
-    sign = 1.0 if _excess(low, log_l, at_l, r, pieces) > 0.0 else -1.0
+    sign = 1.0 if _excess(low, log_l, at_l, r, parts, cells) > 0.0 else -1.0
     for _ in range(_SECTIONS):
         a, b = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-        first = sign * _excess(a, log_l, at_l, r, pieces)
-        last = sign * _excess(b, log_l, at_l, r, pieces)
+        first = sign * _excess(a, log_l, at_l, r, parts, cells)
+        last = sign * _excess(b, log_l, at_l, r, parts, cells)
         if min(first, last) <= 0.0:
             return a if first <= last else b
         if first <= last:
@@ -678,7 +685,7 @@ def _closest(low, high, log_l, at_l, r, pieces):
 
 
 @kernel
-def _clamp_levels(y, log_v, at_v, y_l, at_l, pieces, out):
+def _clamp_levels(y, log_v, at_v, y_l, at_l, parts, cells, out):
     """Fill the places where a sum of maxima is the log of the larger cosine; return how many.
 
     L's own height, where the larger cosine has a corner, is looked at too, and so is what comes
@@ -696,7 +703,7 @@ def _clamp_levels(y, log_v, at_v, y_l, at_l, pieces, out):
             places[1], seen[1] = places[2], seen[2]
             if not own and y[i] > y_l[r]:
                 own = True
-                places[2], seen[2] = y_l[r], _excess(y_l[r], log_l, at_l, r, pieces)
+                places[2], seen[2] = y_l[r], _excess(y_l[r], log_l, at_l, r, parts, cells)
             else:
                 total = 0.0
                 for j in range(steps):
@@ -706,17 +713,17 @@ def _clamp_levels(y, log_v, at_v, y_l, at_l, pieces, out):
             looks += 1
             if looks > 1 and (seen[1] > 0.0) != (seen[2] > 0.0):
                 if count < out.shape[0]:
-                    out[count, r] = _change(places[1], places[2], log_l, at_l, r, pieces)
+                    out[count, r] = _change(places[1], places[2], log_l, at_l, r, parts, cells)
                 count += 1
             steep = max(abs(seen[0] - seen[1]), abs(seen[2] - seen[1]))
             same = (seen[0] > 0.0) == (seen[1] > 0.0) and (seen[1] > 0.0) == (seen[2] > 0.0)
             near = abs(seen[1]) <= min(abs(seen[0]), abs(seen[2])) and abs(seen[1]) < _STEEP * steep
             if looks > 2 and same and near:
-                x = _closest(places[0], places[2], log_l, at_l, r, pieces)
-                if (_excess(x, log_l, at_l, r, pieces) > 0.0) != (seen[1] > 0.0):
+                x = _closest(places[0], places[2], log_l, at_l, r, parts, cells)
+                if (_excess(x, log_l, at_l, r, parts, cells) > 0.0) != (seen[1] > 0.0):
                     if count + 1 < out.shape[0]:
-                        out[count, r] = _change(places[0], x, log_l, at_l, r, pieces)
-                        out[count + 1, r] = _change(x, places[2], log_l, at_l, r, pieces)
+                        out[count, r] = _change(places[0], x, log_l, at_l, r, parts, cells)
+                        out[count + 1, r] = _change(x, places[2], log_l, at_l, r, parts, cells)
                     count += 2
         most = max(most, count)
     return most
@@ -785,8 +792,8 @@ def _peak(function: _Step, low: float, high: float, sign: float) -> float:
     """
     curve = function.curve
     smooth = not function.floor or bool(np.all(curve.at(np.array([low, high])) > _logs(low, high)))
-    if smooth and _rising(low, curve.pieces, 0) != _rising(high, curve.pieces, 0):
-        return float(_turn_between(low, high, curve.pieces))
+    if smooth and _rising(low, *curve.pieces, 0) != _rising(high, *curve.pieces, 0):
+        return float(_turn_between(low, high, *curve.pieces))
     for _ in range(80):
         a, b = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
         values = sign * function.at(np.array([a, b]))
@@ -817,7 +824,7 @@ def _equal_levels(function: _Step, y_l: np.ndarray) -> list[np.ndarray]:
     ends = curve.floored_turns if function.floor else curve.turns
     if ends.size == 2:
         return []
-    goal, known = function.at(y_l), (ends, function.at(ends), function.floor, curve.pieces)
+    goal, known = function.at(y_l), (ends, function.at(ends), function.floor, *curve.pieces)
 
     def fill(part: slice) -> np.ndarray:
         out = np.full((ends.size - 1, y_l[part].size), np.nan)
@@ -829,7 +836,7 @@ def _equal_levels(function: _Step, y_l: np.ndarray) -> list[np.ndarray]:
 
 
 @kernel
-def _level(x_1, x_2, at_1, at_2, goal, floor, pieces):
+def _level(x_1, x_2, at_1, at_2, goal, floor, parts, cells):
     """The place between two others at which a curve, or the larger cosine, has a value."""
     f_1, f_2 = at_1 - goal, at_2 - goal
     x_3, f_3 = x_1, f_1
@@ -840,7 +847,7 @@ def _level(x_1, x_2, at_1, at_2, goal, floor, pieces):
             break
         least = near / abs(x_2 - x_1)
         x = x_1 + next_share(x_1, x_2, x_3, f_1, f_2, f_3, least) * (x_2 - x_1)
-        value = curve_at(x, pieces, 0)
+        value = curve_at(x, parts, cells, 0)
         if floor:
             value = max(value, log_height(x))
         f = value - goal
@@ -853,7 +860,7 @@ def _level(x_1, x_2, at_1, at_2, goal, floor, pieces):
 
 
 @kernel
-def _fill_equal(y_l, goal, ends, at_ends, floor, pieces, out):
+def _fill_equal(y_l, goal, ends, at_ends, floor, parts, cells, out):
     """Fill one line for every interval on which a function rises or falls."""
     for i in range(ends.size - 1):
         least, most = min(at_ends[i], at_ends[i + 1]), max(at_ends[i], at_ends[i + 1])
@@ -861,7 +868,7 @@ def _fill_equal(y_l, goal, ends, at_ends, floor, pieces, out):
             low, high = ends[i], ends[i + 1]
             if low <= y_l[r] <= high or not least < goal[r] < most:
                 continue
-            out[i, r] = _level(low, high, at_ends[i], at_ends[i + 1], goal[r], floor, pieces)
+            out[i, r] = _level(low, high, at_ends[i], at_ends[i + 1], goal[r], floor, parts, cells)
 
 
 def _sign_changes(function: Callable[[np.ndarray], np.ndarray], y: np.ndarray) -> np.ndarray:

@@ -18,11 +18,10 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.polynomial import chebyshev
 
 from albedo._compile import kernel
 from albedo._threads import by_weight
@@ -34,18 +33,27 @@ from albedo.charts.polar import PolarChart
 from albedo.charts.rings import MIRROR, RingsChart
 from albedo.charts.tail_rings import TailRingsChart
 from albedo.errors import InputError
-from albedo.operators.divisor import CONTROLS, FLAT, TERMS, Divisor, LogCurve, spread, straight
+from albedo.operators.divisor import (
+    CONTROLS,
+    FLAT,
+    TERMS,
+    Divisor,
+    LogCurve,
+    mates,
+    spread,
+)
 from albedo.operators.families import Families
-from albedo.operators.nodes import FEWEST, LEBESGUE, MOST, TRUST, cosines, places
+from albedo.operators.joined import joined
+from albedo.operators.nodes import FEWEST, MOST, cosines, places
+from albedo.operators.pieces import Piece, bound_of
 from albedo.operators.profiles import Ahead, Profiles
 
 _EPS = np.finfo(np.float64).eps
 _ROUNDINGS = 40.0
-# Gaps between the nodes of a piece, but where it is narrow.
-_USUAL = 8
-_NARROW = 5e-3
 _MOST_PIECES = 400
 _SHORTEST = 1e-5
+# Marks that are closer than this are one.
+_APART = 1e-7
 # Integrals around rings are had to this share of the tolerance, or as well as float64 allows.
 _INNER, _FINEST = 0.06, 2e-13
 # What they leave unknown of a row is tolerated up to a share of that; then rows are had for steps
@@ -60,8 +68,13 @@ _SHARE, _ROUNDS, _NARROWEST = 0.05, 32, 1e-6
 _HIDDEN = 0.001
 # Pairs of heights that are worth another thread.
 _WORTH = 500
+# What a curve that later steps divide by may differ from the one that was fitted, as a share of it.
+_JOINED = 0.05
+_JOINED_ROWS = 0.05
 # Half the nodes do where they leave this share of the tolerance.
 _AMPLE = 0.5
+# Pieces are joined where one does with this share of their rows.
+_FEWER = 0.7
 # Rows that no piece uses any more are kept as long as they are fewer than this share of all.
 _UNUSED = 0.1
 
@@ -145,50 +158,6 @@ def _finest(part: Part) -> float:
     return max(_FINEST, rings_of(part).finest(min(part.widths)))
 
 
-@dataclass(frozen=True, eq=False)
-class _Piece:
-    """One piece of all curves from now on.
-
-    Attributes
-    ----------
-    low, high : float
-        Its ends in y.
-    bent : int
-        See `LogCurve`.
-    gaps : int
-        One less than there are nodes.
-    """
-
-    low: float
-    high: float
-    bent: int
-    gaps: int
-
-    @classmethod
-    def new(cls, low: float, high: float, bent: int) -> _Piece:
-        return cls(low, high, bent, FEWEST if high - low < _NARROW else _USUAL)
-
-    @cached_property
-    def y(self) -> np.ndarray:
-        """Coordinates of its nodes and of its fresh points."""
-        t = places(self.gaps)
-        t = t * t if self.bent == 1 else t * (2.0 - t) if self.bent == 2 else t
-        # Neighbours share the rows at their ends, which are the same number to both.
-        return np.where(t == 1.0, self.high, self.low + t * (self.high - self.low))
-
-    @cached_property
-    def basis(self) -> np.ndarray:
-        """The polynomials of its series at its nodes and fresh points."""
-        # Cosines are rounded: near 1 they stand for another angle.
-        y = np.clip(folded(cosines(self.y)), self.low, self.high)
-        return chebyshev.chebvander(straight(y, self.low, self.high, self.bent), self.gaps)
-
-    @cached_property
-    def to_series(self) -> np.ndarray:
-        """The matrix from values at its nodes to coefficients."""
-        return np.linalg.inv(self.basis[: self.gaps + 1])
-
-
 @dataclass(frozen=True)
 class _Fit:
     """A curve on a piece: coefficients, a bound on their error, and whether refining is no help."""
@@ -220,14 +189,22 @@ class Ladder:
         self._families: dict[Part, Families] = {}
         # How many steps are in the products of all rows.
         self._met = 0
+        # For every step, ends of cells that lie each in one piece of every curve so far, and what
+        # the errors of these pieces do there.
+        self._cells: list[np.ndarray] = []
         self._transfer: list[np.ndarray] = []
         self._divisors: dict[int, Divisor] = {}
         self._doubts: dict[int, float] = {}
         far, near = np.linspace(FIRST, -4.0, 7), np.linspace(0.0, LAST, 4)
-        # What has a kink for all light has one in its albedo.
+        # What has a kink for all light has one in its albedo, and later where a step divides by as
+        # much as there.
         heights = [height for part in model.parts() for height in part.heights]
-        start = np.unique(np.concatenate((far, (-2.0, -1.0), near, folded(np.array(heights)))))
-        self._pieces = [_Piece.new(a, b, 0) for a, b in itertools.pairwise(start.tolist())]
+        self._heights = np.unique(folded(np.array(heights)))
+        self._mates: list[np.ndarray] = []
+        # Pieces that do not do as one: the ends, and how many they are.
+        self._apart: set[tuple[float, float, int]] = set()
+        self._start = np.unique(np.concatenate((far, (-2.0, -1.0), near, self._heights)))
+        self._pieces = [Piece.new(a, b, 0) for a, b in itertools.pairwise(self._start.tolist())]
         self._lay_out()
 
     def albedos(self, steps: int) -> list[LogCurve]:
@@ -288,7 +265,7 @@ class Ladder:
         self._cos = self._cos[kept]
         self._parts = [profiles.rows(kept) for profiles in self._parts]
 
-    def _rows(self, piece: _Piece) -> np.ndarray:
+    def _rows(self, piece: Piece) -> np.ndarray:
         """The rows of the nodes and of the fresh points of a piece."""
         return np.array([self._row[y] for y in piece.y.tolist()])
 
@@ -457,49 +434,55 @@ class Ladder:
                 break
             self._refine(poor)
         self._thin_out(fits, np.log(value), own)
-        curve = LogCurve(
+        fine = LogCurve(
             np.array([piece.low for piece in self._pieces] + [LAST]),
             np.stack([fit.series for fit in fits]),
             np.array([fit.bound for fit in fits]),
             np.array([piece.bent for piece in self._pieces]),
         )
+        marks = np.concatenate((*self._divisor().marks, *self._mates, self._heights))
+        curve = joined(fine, _JOINED * self.rtol, marks)
+        self._cells.append(np.union1d(self._cells[-1] if self._cells else self._start, curve.edges))
         self._transfer.append(self._shares(curve))
+        self._mates.append(mates(curve, self._heights))
+        self._join(joined(fine, _JOINED_ROWS * self.rtol, marks), np.log(value), own)
         self.curves.append(curve)
         return curve
 
     def _shares(self, curve: LogCurve) -> np.ndarray:
-        """What the errors of all curves do to that of a new one, on its pieces: see the module.
+        """What the errors of all curves do to that of a new one, on its cells: see the module.
 
         The columns are the new errors of the pieces of the first curve, of the second, ..., and
         of this one.
         """
-        size = curve.error.size
-        rows = np.array([self._row[piece.y[piece.gaps // 2]] for piece in self._pieces])
-        before = [t.shape[0] for t in self._transfer]
-        found = np.zeros((size, sum(before) + size))
-        found[:, sum(before) :] = np.eye(size)
+        edges = self._cells[-1]
+        middle = 0.5 * (edges[1:] + edges[:-1])
+        before = self._transfer[-1].shape[1] if self._transfer else 0
+        found = np.zeros((middle.size, before + curve.error.size))
+        found[np.arange(middle.size), before + curve.piece(middle)] = 1.0
         if not before:
             return found
+        # The rows next to the middles stand for all cells.
+        rows, of_cell = np.unique(self._nearest(middle), return_inverse=True)
         c = self._cos[rows]
         y_l, mirror = folded(c), self._mirror()[0][rows]
         control, log_light = self._controlled(c)
-        runs = [profiles.sent(control, log_light, rows, curve.edges) for profiles in self._parts]
+        runs = [profiles.sent(control, log_light, rows, edges) for profiles in self._parts]
         total = mirror + sum(run.total for run in runs)
-        middle = 0.5 * (curve.edges[1:] + curve.edges[:-1])
-        for earlier, transfer in zip(self.curves, self._transfer, strict=True):
-            own_piece, at_l = earlier.piece(y_l), earlier.at(y_l)
-            matrix = np.zeros((rows.size, earlier.error.size))
-            # Pieces are cut and never joined: each lies in one of an earlier curve.
-            of_earlier = earlier.piece(middle)
-            for run in runs:
-                piece = of_earlier[run.piece]
-                spread(
-                    *(run.row, piece, run.y, run.share, run.lowest),
-                    *(own_piece, at_l, earlier.pieces, matrix),
-                )
+        for earlier, cells, transfer in zip(self.curves, self._cells, self._transfer, strict=False):
+            # Cells are cut and never joined: each lies in one of an earlier curve.
+            of_earlier = np.searchsorted(cells, middle) - 1
+            at_l = earlier.at(y_l)
+            matrix = np.zeros((rows.size, transfer.shape[0]))
             # A mirror's light has one height.
-            matrix[np.arange(rows.size), own_piece] += mirror
-            found[:, : transfer.shape[1]] -= matrix / total[:, None] @ transfer
+            own = mirror.copy()
+            for run in runs:
+                of_v = of_earlier[run.piece]
+                from_v = run.row, of_v, run.y, run.share, run.lowest
+                spread(*from_v, at_l, *earlier.pieces, matrix, own)
+            passed = matrix / total[:, None] @ transfer
+            kept = (own / total)[of_cell, None] * transfer[of_earlier]
+            found[:, : transfer.shape[1]] -= passed[of_cell] + kept
         return found
 
     def doubt(self, steps: int) -> float:
@@ -511,25 +494,25 @@ class Ladder:
     def _doubt(self, steps: int) -> float:
         curves = self.curves[:steps]
         # A curve errs, and extrema as small as its error were passed over.
-        new = np.concatenate([FLAT * curve.error + curve.bound for curve in curves])
-        edges = np.unique(np.concatenate([curve.edges for curve in curves]))
+        new = np.concatenate([FLAT * curve.error.max() + curve.bound for curve in curves])
+        edges = self._cells[steps - 1]
         y = 0.5 * (edges[1:] + edges[:-1])
         transfers = self._transfer[:steps]
         value = np.stack([curve.at(y) for curve in curves])
-        piece = np.stack([curve.piece(y) for curve in curves])
+        cell = np.stack([np.searchsorted(cells, y) - 1 for cells in self._cells[:steps]])
         width = np.array([transfer.shape[1] for transfer in transfers])
         sizes = np.array([transfer.size for transfer in transfers])
         known = np.concatenate([t.ravel() for t in transfers]), np.cumsum(sizes) - sizes, width
 
         def largest(part: slice) -> float:
-            return _largest_doubt(part.start, part.stop, value, piece, *known, new)
+            return _largest_doubt(part.start, part.stop, value, cell, *known, new)
 
         # Pairs of heights have no order.
         worst = float(np.max(by_weight(largest, np.arange(y.size, 0, -1), _WORTH)))
         # Within a piece an error may change its sign: no more than doubles what is left of it.
         return 2.0 * worst + self.divisor(steps).left_out
 
-    def _fits(self, pieces: list[_Piece], logs: np.ndarray, own: np.ndarray) -> list[_Fit]:
+    def _fits(self, pieces: list[Piece], logs: np.ndarray, own: np.ndarray) -> list[_Fit]:
         """Series on pieces, from the logarithms of all rows and their errors."""
         found: dict[int, _Fit] = {}
         for gaps in {piece.gaps for piece in pieces}:
@@ -542,7 +525,8 @@ class Ladder:
             series[:, : gaps + 1] = (to_series @ known[:, : gaps + 1])[:, :, 0]
             missed = np.abs(basis @ series[:, : gaps + 1, None] - known).max((1, 2))
             noise = own[rows].max(1)
-            bound, stuck = TRUST * missed + LEBESGUE * noise, missed <= noise
+            worse = np.array([pieces[k].worse for k in which])
+            bound, stuck = bound_of(missed, noise, worse), missed <= noise
             for k, *fit in zip(which, series, bound.tolist(), stuck.tolist(), strict=True):
                 found[k] = _Fit(*fit)
         return [found[k] for k in range(len(pieces))]
@@ -550,7 +534,7 @@ class Ladder:
     def _thin_out(self, fits: list[_Fit], logs: np.ndarray, own: np.ndarray) -> None:
         """Give pieces half their nodes where these do: later albedos are smoother."""
         which = list(range(len(self._pieces)))
-        while which := [k for k in which if self._pieces[k].gaps > FEWEST]:
+        while which := [k for k in which if self._pieces[k].may_have_fewer]:
             halves = [replace(p, gaps=p.gaps // 2) for p in (self._pieces[k] for k in which)]
             found = zip(which, halves, self._fits(halves, logs, own), strict=True)
             ample = [of for of in found if of[2].bound <= _AMPLE * self.rtol]
@@ -558,7 +542,44 @@ class Ladder:
                 self._pieces[k], fits[k] = half, fit
             which = [k for k, _, _ in ample]
 
-    def _may_refine(self, piece: _Piece) -> bool:
+    def _join(self, curve: LogCurve, logs: np.ndarray, own: np.ndarray) -> None:
+        """Put one piece in the place of all that lie in one of the curve, where few of their rows
+        do: later curves hardly bend at most of the ends between them.
+        """
+        first = np.searchsorted([piece.low for piece in self._pieces], curve.edges)
+        ends = zip(itertools.pairwise(first.tolist()), curve.bent.tolist(), strict=True)
+        pieces: list[Piece] = []
+        for (begin, end), bent in ends:
+            inside = self._pieces[begin:end]
+            one = None
+            # What did not do before hardly does soon.
+            key = inside[0].low, inside[-1].high, end - begin
+            if end - begin > 1 and key not in self._apart:
+                one = self._joined(inside, bent, logs, own)
+                if one is None:
+                    self._apart.add(key)
+            pieces += inside if one is None else [one]
+        self._pieces = pieces
+
+    def _joined(
+        self, pieces: list[Piece], bent: int, logs: np.ndarray, own: np.ndarray
+    ) -> Piece | None:
+        """One piece in the place of several, of which it keeps few enough rows."""
+        known = np.unique(np.concatenate([piece.y for piece in pieces]))
+        rows = np.array([self._row[y] for y in known.tolist()])
+        gaps = FEWEST
+        while gaps <= MOST and places(gaps).size <= _FEWER * known.size:
+            piece = Piece.among(pieces[0].low, pieces[-1].high, bent, gaps, known)
+            if piece is not None:
+                # All rows are there to confirm it.
+                series = piece.to_series @ logs[self._rows(piece)[: gaps + 1]]
+                missed = np.abs(piece.polynomials(known) @ series - logs[rows]).max()
+                if bound_of(missed, own[rows].max(), piece.worse) <= _AMPLE * self.rtol:
+                    return piece
+            gaps *= 2
+        return None
+
+    def _may_refine(self, piece: Piece) -> bool:
         return piece.gaps < MOST or piece.high - piece.low > _SHORTEST
 
     def _refine(self, poor: list[int]) -> None:
@@ -569,35 +590,37 @@ class Ladder:
         self._pieces = pieces
         self._lay_out()
 
-    def _refined(self, piece: _Piece) -> list[_Piece]:
+    def _refined(self, piece: Piece) -> list[Piece]:
         a, b, bent = piece.low, piece.high, piece.bent
-        margin = 1e-9 * (b - a)
         # So near to the normal no cosine tells nodes from each other.
-        end = min(b - margin, LAST - _SHORTEST)
+        end = min(b - _APART, LAST - _SHORTEST)
         # What earlier steps did not bend enough to be seen, this one hardly does.
-        for marks in self._divisor().marks:
-            inside = marks[(marks > a + margin) & (marks < end)].tolist()
+        last, every = self._divisor().marks
+        newest = np.unique(np.concatenate((last, *self._mates[-1:])))
+        for marks in (newest, np.unique(np.concatenate((every, *self._mates)))):
+            inside = marks[np.diff(marks, prepend=-np.inf) > _APART]
+            inside = inside[(inside > a + _APART) & (inside < end)].tolist()
             if inside:
                 break
         else:
             if piece.gaps < MOST:
-                return [replace(piece, gaps=2 * piece.gaps)]
+                return [piece.refined()]
             middle = 0.5 * (a + b)
-            return [_Piece.new(a, middle, bent & 1), _Piece.new(middle, b, bent & 2)]
+            return [Piece.new(a, middle, bent & 1), Piece.new(middle, b, bent & 2)]
         # Ends that bend have the clustered nodes; between two of them a piece is halved.
         ends = [(a, bent == 1), *((x, True) for x in inside), (b, bent == 2)]
         found = []
         for (low, first), (high, last) in itertools.pairwise(ends):
             middle = 0.5 * (low + high)
             if first and last:
-                found += [_Piece.new(low, middle, 1), _Piece.new(middle, high, 2)]
+                found += [Piece.new(low, middle, 1), Piece.new(middle, high, 2)]
             else:
-                found.append(_Piece.new(low, high, 1 if first else 2 if last else 0))
+                found.append(Piece.new(low, high, 1 if first else 2 if last else 0))
         return found
 
 
 @kernel
-def _largest_doubt(start, stop, value, piece, transfer, begin, width, new):
+def _largest_doubt(start, stop, value, cell, transfer, begin, width, new):
     """The largest sum of errors, in modulus, that reach a pair of heights, of which the first are
     some; `transfer` has the matrices of all steps, each from its `begin` on."""
     worst, steps, n = 0.0, value.shape[0], value.shape[1]
@@ -607,7 +630,7 @@ def _largest_doubt(start, stop, value, piece, transfer, begin, width, new):
             for m in range(new.size):
                 passed[m] = 0.0
             for j in range(steps):
-                chosen = piece[j, i] if value[j, i] >= value[j, k] else piece[j, k]
+                chosen = cell[j, i] if value[j, i] >= value[j, k] else cell[j, k]
                 first = begin[j] + chosen * width[j]
                 for m in range(width[j]):
                     passed[m] += transfer[first + m]

@@ -262,7 +262,7 @@ class Ahead:
         """
         albedo = np.empty((2, row.size))
         at_l = self.curve.at(folded(geometry[:, 0], geometry[:, 1]))[row]
-        _larger(geometry[row], code, box, at_l, self.curve.pieces, albedo)
+        _larger(geometry[row], code, box, at_l, *self.curve.pieces, albedo)
         found = np.empty(row.size)
         order = np.lexsort((albedo[1], row))
         _share(order, row, albedo[0] - at_l, albedo[1] - at_l, held, np.array(self.steps), found)
@@ -406,7 +406,7 @@ class Profiles:
         others = np.ones(s.panel.size, bool)
         others[without] = False
         which = np.flatnonzero(others)
-        known = s.panel, s.order, s.first, self.row, s.y, light, control, curve.turns, curve.pieces
+        known = s.panel, s.order, s.first, self.row, s.y, light, control, curve.turns, *curve.pieces
         rest = s.log_product, s.log_scale, s.value, s.error, s.most, s.stale
         side_by_side(lambda part: _multiply(which[part], *known, *rest), which.size, _FEW)
 
@@ -475,7 +475,7 @@ class Profiles:
             own = [array[part] for array in slices]
             room = max(own[0].size * (levels.shape[1] + bends.size), 1)
             which, place = np.empty(room, int), np.empty(room)
-            known = levels, bends, least, controlled, pieces, spread
+            known = levels, bends, least, controlled, *pieces, spread
             count = _find_kinks(*own, *panels, *known, which, place)
             return which[:count] + part.start, place[:count]
 
@@ -721,13 +721,13 @@ def _place(g, side, power, box, e_v):
 
 
 @kernel
-def _larger(geometry, code, box, at_l, pieces, found):
+def _larger(geometry, code, box, at_l, parts, cells, found):
     """Fill the larger albedo of L and V on panels, in logarithms: the least, and in the middle."""
     for k in range(at_l.size):
         found[0, k] = math.inf
         for i in range(3):
             e_v = _height(geometry[k], code[k, 0], code[k, 3], box[k], 0.5 * i)
-            value = max(curve_at(fold_elevation(e_v), pieces, 0), at_l[k])
+            value = max(curve_at(fold_elevation(e_v), parts, cells, 0), at_l[k])
             found[0, k] = min(found[0, k], value)
             if i == 1:
                 found[1, k] = value
@@ -911,7 +911,8 @@ def _multiply(
     light,
     control,
     turns,
-    pieces,
+    parts,
+    cells,
     log_product,
     log_scale,
     value,
@@ -930,7 +931,7 @@ def _multiply(
         begin, end = first[k], first[k] + order[k]
         if control != 1:
             low, high = min(y[begin], y[end - 1]), max(y[begin], y[end - 1])
-            if is_below(low, high, at_l, pieces, 0, turns):
+            if is_below(low, high, at_l, parts, cells, 0, turns):
                 log_scale[k] += at_l
                 if control == 2:
                     stale[k] = True
@@ -941,7 +942,7 @@ def _multiply(
                     most[k] *= scale
                 continue
         stale[k] = True
-        curve_along(y, begin, end, pieces, 0, at_v)
+        curve_along(y, begin, end, parts, cells, 0, at_v)
         for j in range(begin, end):
             step = max(at_v[j - begin], at_l)
             if control == 1:
@@ -965,7 +966,8 @@ def _find_kinks(
     bends,
     least,
     controlled,
-    pieces,
+    parts,
+    cells,
     spread,
     which,
     place,
@@ -990,13 +992,13 @@ def _find_kinks(
             if not low[k] < level < high[k]:
                 continue
             y_end[0], y_end[1] = low[k], high[k]
-            here = curve_at(level, pieces, 0)
+            here = curve_at(level, parts, cells, 0)
             # Of the two sides of a maximum one may be constant: what changes is the other one.
             for side_of in range(2):
                 change[side_of] = 0.0
                 for half in range(2):
                     y = level + (0.5 + 0.5 * half) * (y_end[side_of] - level)
-                    moved = abs(curve_at(y, pieces, 0) - here)
+                    moved = abs(curve_at(y, parts, cells, 0) - here)
                     if controlled:
                         moved += abs(log_height(y) - log_height(level))
                     change[side_of] = max(change[side_of], moved)
