@@ -10,8 +10,8 @@ from numpy.polynomial import chebyshev
 
 from albedo.charts.heights import FIRST, LAST
 from albedo.operators.divisor import TERMS, LogCurve, curve_along, straight
-from albedo.operators.pieces import Piece
 from albedo.operators.nodes import places
+from albedo.operators.pieces import Piece
 
 _EPS = np.finfo(np.float64).eps
 

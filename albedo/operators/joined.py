@@ -86,7 +86,6 @@ def joined(curve: LogCurve, allowed: float, marks: np.ndarray) -> LogCurve:
     curve : LogCurve
     allowed : float
         What the one may differ from the other by.
-
     marks : ndarray
         Coordinates at which it may bend.
 

@@ -44,8 +44,8 @@ from albedo.operators.divisor import (
 )
 from albedo.operators.families import Families
 from albedo.operators.joined import joined
-from albedo.operators.nodes import FEWEST, MOST, cosines, places
-from albedo.operators.pieces import Piece, bound_of
+from albedo.operators.nodes import MOST, TRUST, cosines
+from albedo.operators.pieces import FRESH, Piece, bound_of
 from albedo.operators.profiles import Ahead, Profiles
 
 _EPS = np.finfo(np.float64).eps
@@ -70,9 +70,10 @@ _HIDDEN = 0.001
 _WORTH = 500
 # What a curve that later steps divide by may differ from the one that was fitted, as a share of it.
 _JOINED = 0.05
-_JOINED_ROWS = 0.05
 # Half the nodes do where they leave this share of the tolerance.
 _AMPLE = 0.5
+# Slices that err by less than this share of the worst of their row wait until those are refined.
+_WORST = 0.1
 # Pieces are joined where one does with this share of their rows.
 _FEWER = 0.7
 # Rows that no piece uses any more are kept as long as they are fewer than this share of all.
@@ -373,7 +374,13 @@ class Ladder:
             hit = np.arange(row.size)
             for _ in range(_ROUNDS):
                 poor = (total > goal)[row] & (s.error[hit] > most[row])
-                hit = hit[poor & ((s.end - s.start)[hit] > _NARROWEST)]
+                poor &= (s.end - s.start)[hit] > _NARROWEST
+                hit, row = hit[poor], row[poor]
+                # The worst come first: the others may do, then.
+                worst = np.zeros(goal.size)
+                np.maximum.at(worst, row, s.error[hit])
+                now = s.error[hit] > _WORST * worst[row]
+                later, hit = hit[~now], hit[now]
                 if hit.size == 0:
                     break
                 changed = True
@@ -384,6 +391,8 @@ class Ladder:
                 profiles.sum_nodes(hit, control, log_light)
                 row = profiles.row[s.panel[hit]]
                 total += np.bincount(row, s.error[hit], total.size) * profiles.doubt
+                hit = np.concatenate((hit, later))
+                row = profiles.row[s.panel[hit]]
         return changed
 
     def _remake(self, of_panels: np.ndarray, goal: np.ndarray) -> bool:
@@ -445,7 +454,7 @@ class Ladder:
         self._cells.append(np.union1d(self._cells[-1] if self._cells else self._start, curve.edges))
         self._transfer.append(self._shares(curve))
         self._mates.append(mates(curve, self._heights))
-        self._join(joined(fine, _JOINED_ROWS * self.rtol, marks), np.log(value), own)
+        self._join(curve, np.log(value), own)
         self.curves.append(curve)
         return curve
 
@@ -547,36 +556,46 @@ class Ladder:
         do: later curves hardly bend at most of the ends between them.
         """
         first = np.searchsorted([piece.low for piece in self._pieces], curve.edges)
-        ends = zip(itertools.pairwise(first.tolist()), curve.bent.tolist(), strict=True)
         pieces: list[Piece] = []
-        for (begin, end), bent in ends:
+        for k, (begin, end) in enumerate(itertools.pairwise(first.tolist())):
             inside = self._pieces[begin:end]
             one = None
             # What did not do before hardly does soon.
             key = inside[0].low, inside[-1].high, end - begin
             if end - begin > 1 and key not in self._apart:
-                one = self._joined(inside, bent, logs, own)
+                one = self._joined(inside, int(curve.bent[k]), curve.coefficients[k], logs, own)
                 if one is None:
                     self._apart.add(key)
             pieces += inside if one is None else [one]
         self._pieces = pieces
 
     def _joined(
-        self, pieces: list[Piece], bent: int, logs: np.ndarray, own: np.ndarray
+        self,
+        pieces: list[Piece],
+        bent: int,
+        series: np.ndarray,
+        logs: np.ndarray,
+        own: np.ndarray,
     ) -> Piece | None:
-        """One piece in the place of several, of which it keeps few enough rows."""
+        """One piece in the place of several, of which it keeps few enough rows.
+
+        The series that holds them tells how many terms it takes.
+        """
         known = np.unique(np.concatenate([piece.y for piece in pieces]))
         rows = np.array([self._row[y] for y in known.tolist()])
-        gaps = FEWEST
-        while gaps <= MOST and places(gaps).size <= _FEWER * known.size:
+        rest = np.cumsum(np.abs(series[::-1]))[::-1]
+        for gaps, fresh in FRESH.items():
+            if gaps + 1 + fresh > _FEWER * known.size:
+                break
+            if TRUST * rest[gaps + 1] > self.rtol:
+                continue
             piece = Piece.among(pieces[0].low, pieces[-1].high, bent, gaps, known)
             if piece is not None:
                 # All rows are there to confirm it.
-                series = piece.to_series @ logs[self._rows(piece)[: gaps + 1]]
-                missed = np.abs(piece.polynomials(known) @ series - logs[rows]).max()
+                own_series = piece.to_series @ logs[self._rows(piece)[: gaps + 1]]
+                missed = np.abs(piece.polynomials(known) @ own_series - logs[rows]).max()
                 if bound_of(missed, own[rows].max(), piece.worse) <= _AMPLE * self.rtol:
                     return piece
-            gaps *= 2
         return None
 
     def _may_refine(self, piece: Piece) -> bool:
@@ -595,11 +614,11 @@ class Ladder:
         # So near to the normal no cosine tells nodes from each other.
         end = min(b - _APART, LAST - _SHORTEST)
         # What earlier steps did not bend enough to be seen, this one hardly does.
-        last, every = self._divisor().marks
-        newest = np.unique(np.concatenate((last, *self._mates[-1:])))
+        newest, every = self._divisor().marks
+        newest = np.unique(np.concatenate((newest, *self._mates[-1:])))
         for marks in (newest, np.unique(np.concatenate((every, *self._mates)))):
-            inside = marks[np.diff(marks, prepend=-np.inf) > _APART]
-            inside = inside[(inside > a + _APART) & (inside < end)].tolist()
+            apart = marks[np.diff(marks, prepend=-np.inf) > _APART]
+            inside = apart[(apart > a + _APART) & (apart < end)].tolist()
             if inside:
                 break
         else:
@@ -608,9 +627,9 @@ class Ladder:
             middle = 0.5 * (a + b)
             return [Piece.new(a, middle, bent & 1), Piece.new(middle, b, bent & 2)]
         # Ends that bend have the clustered nodes; between two of them a piece is halved.
-        ends = [(a, bent == 1), *((x, True) for x in inside), (b, bent == 2)]
+        corners = [(a, bent == 1), *((x, True) for x in inside), (b, bent == 2)]
         found = []
-        for (low, first), (high, last) in itertools.pairwise(ends):
+        for (low, first), (high, last) in itertools.pairwise(corners):
             middle = 0.5 * (low + high)
             if first and last:
                 found += [Piece.new(low, middle, 1), Piece.new(middle, high, 2)]

@@ -10,10 +10,12 @@ from numpy.polynomial import chebyshev
 
 from albedo.charts.heights import folded
 from albedo.operators.divisor import placed, straight
-from albedo.operators.nodes import FEWEST, LEBESGUE, TRUST, cosines, places
+from albedo.operators.nodes import FEWEST, LEBESGUE, MOST, TRUST, cosines, places
 
 # Gaps between the nodes of a piece, but where it is narrow.
 _USUAL = 8
+FRESH = {4: 4, 6: 4, 8: 4, 12: 6, 16: 8}
+"""Gaps between nodes that were there already, and how many fresh points confirm them."""
 _NARROW = 5e-3
 # Points that were there already are taken where interpolation is this many times worse, at most.
 _WORSE = 2.0
@@ -67,7 +69,7 @@ class Piece:
         # Fresh points stand where interpolants err most.
         fresh: list[int] = []
         size = np.abs(x[:, None] - x[nodes]).prod(1)
-        for _ in range(places(gaps).size - len(nodes)):
+        for _ in range(FRESH[gaps]):
             fresh.append(int(np.argmax(size)))
             size = size * np.abs(x - x[fresh[-1]])
         found = cls(low, high, bent, gaps, y[nodes + fresh])
@@ -75,7 +77,7 @@ class Piece:
 
     def refined(self) -> Piece:
         """With twice as many gaps."""
-        return replace(self, gaps=2 * self.gaps, chosen=None)
+        return replace(self, gaps=_USUAL if self.gaps < _USUAL else MOST, chosen=None)
 
     @cached_property
     def y(self) -> np.ndarray:
