@@ -110,13 +110,13 @@ def test_the_doubt_of_a_divisor_is_that_of_the_worst_pair_of_heights() -> None:
 
 def test_the_doubt_of_a_divisor_takes_no_room_for_all_pairs_of_heights() -> None:
     found = climbed(SCALED, 6)
-    pieces = found.curves[-1].error.size
+    cells = found._cells[-1].size - 1
     unknowns = sum(curve.error.size for curve in found.curves)
     tracemalloc.start()
     found.doubt(6)
     _, most = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert most < 8 * pieces * pieces * unknowns / 4
+    assert most < 8 * cells * cells * unknowns / 4
 
 
 @pytest.mark.parametrize("m", [0.1, 0.5])

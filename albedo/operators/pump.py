@@ -27,7 +27,7 @@ from albedo.operators.stages import Stages, stages
 
 _MOST_STEPS = 100
 # What the albedos that are divided by are worth: twenty curves leave 1e-8.
-_OF_CURVES = 1e-10
+_OF_CURVES = 8.5e-11
 # What albedos that are divided by tables are worth, in what the tables were asked for.
 _FOLD = 1.2
 
@@ -319,7 +319,7 @@ def pump(
         larger (eq. 21); or the first, but the product of all divisors is at least
         max(n.l, n.v).
     rtol : float, optional
-        What the albedos that are divided by are to be worth: 1e-10 by default; where they depend
+        What the albedos that are divided by are to be worth: 8.5e-11 by default; where they depend
         on the azimuth, or a part of an isotropic model has no rings, 3e-10 for the first and
         3e-9 for later ones. The error that they leave in the result is part of its bound.
 

@@ -1,0 +1,109 @@
+"""Curves on fewer pieces, and pieces on rows that were there already."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.polynomial import chebyshev
+
+from albedo.charts.heights import FIRST, LAST
+from albedo.operators.divisor import TERMS, LogCurve, placed
+from albedo.operators.joined import joined
+from albedo.operators.pieces import FRESH, Piece
+
+BEND = -0.4
+Function = Callable[[np.ndarray], np.ndarray]
+
+
+def of_function(function: Function, edges: np.ndarray, bent: np.ndarray) -> LogCurve:
+    """Series through a function on pieces."""
+    nodes = chebyshev.chebpts2(TERMS)
+    to_series = np.linalg.inv(chebyshev.chebvander(nodes, TERMS - 1))
+    share = placed(0.5 * (nodes + 1.0), bent[:, None])
+    y = edges[:-1, None] + share * np.diff(edges)[:, None]
+    return LogCurve(edges, function(y) @ to_series.T, np.full(bent.size, 1e-12), bent)
+
+
+def smooth(y: np.ndarray) -> np.ndarray:
+    return 0.1 * np.tanh(0.5 * y) + 0.02 * np.cos(2.0 * np.tanh(y))
+
+
+def kinked(size: float, power: float) -> Function:
+    return lambda y: smooth(y) + size * np.maximum(y - BEND, 0.0) ** power
+
+
+INSIDE = (-20.0, -8.0, -4.0, -3.0, -2.5, -2.0, -1.5, -1.0, -0.7, BEND, 0.0, 0.5)
+EDGES = np.array([FIRST, *INSIDE, LAST])
+MARKS = np.array([-1.0, BEND, 0.5])
+
+
+@pytest.mark.parametrize("bent", [0, 1])
+def test_ends_at_which_nothing_bends_are_joined_away(bent: int) -> None:
+    kinds = np.zeros(EDGES.size - 1, dtype=int)
+    kinds[10] = bent
+    curve = of_function(smooth, EDGES, kinds)
+    found = joined(curve, 1e-11, MARKS)
+    assert found.error.size < 0.7 * curve.error.size
+    assert np.all(np.isin(found.edges, curve.edges))
+    assert found.bends.size == 0
+    assert not found.bent.any()
+    y = np.linspace(FIRST, LAST, 20_001)
+    off = np.abs(found.at(y) - curve.at(y))
+    assert np.all(off <= found.bound[found.piece(y)])
+    # What it may differ by, what is read of polynomials of few terms, and the curve's own error.
+    assert found.error.max() <= 1e-11 + 1e-12
+
+
+@pytest.mark.parametrize(("size", "power"), [(1e-3, 1.5), (1e-6, 1.5), (1e-4, 1.0), (1e-5, 3.0)])
+def test_a_curve_bends_at_the_marks_that_can_be_seen(size: float, power: float) -> None:
+    kinds = np.zeros(EDGES.size - 1, dtype=int)
+    # Right of the kink the series is in the root of the distance from it.
+    kinds[10] = 1
+    curve = of_function(kinked(size, power), EDGES, kinds)
+    found = joined(curve, 1e-11, MARKS)
+    np.testing.assert_array_equal(found.bends, [BEND])
+    y = np.linspace(FIRST, LAST, 20_001)
+    assert np.all(np.abs(found.at(y) - curve.at(y)) <= found.bound[found.piece(y)])
+
+
+def test_a_kink_below_what_is_allowed_is_joined_away() -> None:
+    curve = of_function(kinked(1e-13, 1.5), EDGES, np.zeros(EDGES.size - 1, dtype=int))
+    found = joined(curve, 1e-11, MARKS)
+    assert found.bends.size == 0
+    assert found.error.size < 0.7 * curve.error.size
+
+
+@pytest.mark.parametrize("gaps", list(FRESH))
+@pytest.mark.parametrize("bent", [0, 1, 2])
+def test_pieces_among_known_rows_are_as_good_as_they_say(gaps: int, bent: int) -> None:
+    """The error of a series is no more than its bound, with fresh points alone."""
+    low, high = -0.9, 0.3
+    ends = (low, -0.8, -0.6, -0.1, 0.2, high)
+    parts = [Piece(a, b, 0, 16).y for a, b in itertools.pairwise(ends)]
+    known = np.unique(np.concatenate(parts))
+    piece = Piece.among(low, high, bent, gaps, known)
+    assert piece is not None
+    assert np.all(np.isin(piece.y, known))
+    assert np.unique(piece.y).size == piece.y.size == gaps + 1 + FRESH[gaps]
+    assert {low, high} <= set(piece.y[: gaps + 1].tolist())
+    assert 1.0 <= piece.worse <= 2.0
+    assert not piece.may_have_fewer
+    assert piece.refined().chosen is None
+    assert piece.refined().gaps in (8, 16)
+
+    def function(y: np.ndarray) -> np.ndarray:
+        return 1.0 / (1.0 + 4.0 * (y + 0.2) ** 2)
+
+    series = piece.to_series @ function(piece.y[: gaps + 1])
+    missed = np.abs(piece.basis @ series - function(piece.y)).max()
+    y = np.linspace(low, high, 3000)
+    error = np.abs(piece.polynomials(y) @ series - function(y)).max()
+    assert error <= 8.0 * piece.worse * missed + 1e-13
+
+
+def test_rows_that_crowd_do_not_make_a_piece() -> None:
+    crowd = np.concatenate(([-0.9], np.linspace(-0.3, -0.2999, 40), [0.3]))
+    assert Piece.among(-0.9, 0.3, 0, 16, crowd) is None
