@@ -103,3 +103,12 @@ def test_fresh_points_lie_between_nodes(gaps: int) -> None:
     assert np.unique(gap).size == fresh.size >= gaps // 2
     # From both ends inward.
     assert {0, gaps - 1} <= set(gap.tolist())
+
+
+def test_a_curve_at_what_is_no_place_reads_no_foreign_memory(rng: np.random.Generator) -> None:
+    """Directions that are none give values that are none, and what lies beyond an end is there."""
+    curve = curve_of(rng, 30, 0.3, 1e-10)
+    found = curve.at(np.array([np.nan, -np.inf, 2.0 * FIRST, np.inf, 2.0 * LAST]))
+    assert np.isnan(found[0])
+    np.testing.assert_array_equal(found[1:3], curve.at(np.full(2, FIRST)))
+    np.testing.assert_array_equal(found[3:], curve.at(np.full(2, LAST)))

@@ -76,10 +76,10 @@ def placed(x: np.ndarray, bent: int | np.ndarray) -> np.ndarray:
 
 @inlined
 def _cell(y):
-    """Which of the cells of y holds a place."""
-    if y < _FAR:
-        return int((max(y, FIRST) - FIRST) * (_FAR_CELLS / (_FAR - FIRST)))
-    return _FAR_CELLS + int((min(y, LAST) - _FAR) * (_CELLS / (LAST - _FAR)))
+    """Which of the cells of y holds a place; the first one for what is no number."""
+    if y >= _FAR:
+        return _FAR_CELLS + int((min(y, LAST) - _FAR) * (_CELLS / (LAST - _FAR)))
+    return int((y - FIRST) * (_FAR_CELLS / (_FAR - FIRST))) if y > FIRST else 0
 
 
 @inlined
