@@ -28,7 +28,7 @@ _DIGITS = 1e-9
 _SKIPPED = ("_evaluations",)
 # An error that got out of hand excuses no more than this many of the former one.
 _WIDER = 10.0
-# Times of what took three times as long keep their order, but for some that were disturbed.
+# Times threefold apart, errors and all, keep their order, but for some that were disturbed.
 _TIMES = ("ns", "seconds")
 _APART, _TURNED, _FEW_TURNED = 3.0, 0.02, 3
 
@@ -67,13 +67,15 @@ class Comparison:
     differences: list[Difference] = field(default_factory=list)
 
 
-def compare_runs(kept: Path, new: Path) -> Comparison:
+def compare_runs(kept: Path, new: Path, *, times: bool = True) -> Comparison:
     """Compare the studies of two sites, or of folders of tables and records.
 
     Parameters
     ----------
     kept, new : Path
         Folders that have a folder ``studies``.
+    times : bool
+        Whether to compare the ranking of times, which other work on the machine disturbs.
 
     Returns
     -------
@@ -103,7 +105,7 @@ def compare_runs(kept: Path, new: Path) -> Comparison:
             continue
         pair = kept / "studies" / name, new / "studies" / name
         try:
-            found.differences.extend(_study(name, *pair, found))
+            found.differences.extend(_study(name, *pair, times, found))
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise InputError(
                 f"The record of the study '{name}' in '{kept}' or '{new}' is damaged: "
@@ -112,7 +114,9 @@ def compare_runs(kept: Path, new: Path) -> Comparison:
     return found
 
 
-def _study(name: str, kept: Path, new: Path, found: Comparison) -> Iterator[Difference]:
+def _study(
+    name: str, kept: Path, new: Path, times: bool, found: Comparison
+) -> Iterator[Difference]:
     old, fresh = (
         json.loads((folder / "manifest.json").read_text(encoding="utf-8")) for folder in (kept, new)
     )
@@ -135,6 +139,8 @@ def _study(name: str, kept: Path, new: Path, found: Comparison) -> Iterator[Diff
             found.same_bytes += 1
         had, has = (pd.read_csv(folder / file) for folder in (kept, new))
         yield from _table(f"{name}/{table}", had, has, after[table], found)
+        if times:
+            yield from _times(f"{name}/{table}", had, has, after[table], found)
 
 
 def _hash(path: Path) -> str:
@@ -183,16 +189,6 @@ def _table(
     if len(kept) != len(new):
         yield Difference(f"{place}, rows", str(len(kept)), str(len(new)), "the same number")
         return
-    for column in about.get("machine", ()):
-        if not column.endswith(_TIMES) or kept[column].dtype.kind not in "fiu":
-            continue
-        found.rankings += 1
-        pairs, turned = _ranking(*(frame[column].to_numpy(dtype=float) for frame in (kept, new)))
-        most = max(_FEW_TURNED, int(_TURNED * pairs))
-        if turned > most:
-            said = f"{turned} of {pairs} the other way round"
-            allowed = f"{most} of them"
-            yield Difference(f"{place}, {column}, order", f"{pairs} pairs", said, allowed)
     for column in kept.columns:
         stem = column.removesuffix("_error")
         companion = column != stem and stem in kept.columns
@@ -203,11 +199,42 @@ def _table(
         yield from _column(f"{place}, {column}", column, kept, new, about)
 
 
-def _ranking(kept: np.ndarray, new: np.ndarray) -> tuple[int, int]:
-    """Pairs of rows that differed several times over, and how many of them changed their order."""
+def _times(
+    place: str, kept: pd.DataFrame, new: pd.DataFrame, about: Mapping[str, Any], found: Comparison
+) -> Iterator[Difference]:
+    if list(kept.columns) != list(new.columns) or len(kept) != len(new):
+        return
+    for column in about.get("machine", ()):
+        if not column.endswith(_TIMES) or kept[column].dtype.kind not in "fiu":
+            continue
+        found.rankings += 1
+        pairs, turned = _ranking(*(_interval(frame, column) for frame in (kept, new)))
+        most = max(_FEW_TURNED, int(_TURNED * pairs))
+        if turned > most:
+            said = f"{turned} of {pairs} the other way round"
+            allowed = f"{most} of them"
+            yield Difference(f"{place}, {column}, order", f"{pairs} pairs", said, allowed)
+
+
+def _interval(frame: pd.DataFrame, column: str) -> tuple[np.ndarray, np.ndarray]:
+    """Where times lie by what their table says of them, or they themselves."""
+    ends = f"{column}_low", f"{column}_high"
+    if all(end in frame.columns for end in ends):
+        low, high = (frame[end].to_numpy(dtype=float) for end in ends)
+        return low, high
+    value = frame[column].to_numpy(dtype=float)
+    error = f"{column}_error"
+    spread = frame[error].to_numpy(dtype=float) if error in frame.columns else 0.0
+    return value - spread, value + spread
+
+
+def _ranking(
+    kept: tuple[np.ndarray, np.ndarray], new: tuple[np.ndarray, np.ndarray]
+) -> tuple[int, int]:
+    """Pairs of rows whose intervals lay far apart, and how many of them changed their order."""
     with np.errstate(invalid="ignore"):
-        ahead = kept[:, None] > _APART * kept[None, :]
-        turned = ahead & (new[:, None] < new[None, :])
+        ahead = kept[0][:, None] > _APART * kept[1][None, :]
+        turned = ahead & (new[1][:, None] < new[0][None, :])
     return int(ahead.sum()), int(turned.sum())
 
 

@@ -321,6 +321,39 @@ def test_times_keep_their_ranking(tmp_path):
         assert found.rankings == 1
         assert (found.differences == []) == agrees, turned
     assert [item.place for item in found.differences] == ["one/t, ns, order"]
+    found = compare_runs(*folders, times=False)
+    assert found.rankings == 0
+    assert found.differences == []
+
+
+@pytest.mark.parametrize("ends", [("ns_low", "ns_high"), ("ns_error",)])
+def test_times_are_ranked_beyond_their_errors(tmp_path, ends):
+    """Differences of times are smaller than their errors where nothing was saved."""
+    rows = {"ns": [1.0, 9.0, 27.0, 81.0, 243.0]}
+    rows["ns_low"] = [value * 0.9 for value in rows["ns"]]
+    rows["ns_high"] = [value * 1.1 for value in rows["ns"]]
+    rows["ns_error"] = [value * 0.1 for value in rows["ns"]]
+    source = (
+        '"""Question?"""\nimport pandas as pd\nfrom albedo.studies import Study\n'
+        'STUDY = Study(name="one", title="T")\n'
+        "def run(context):\n"
+        f"    frame = pd.DataFrame({ {key: rows[key] for key in ('ns', *ends)} })\n"
+        f"    context.table('t', frame, machine={('ns', *ends)})\n"
+    )
+    (tmp_path / "one.py").write_text(source)
+    for name in ("kept", "new"):
+        run_study(StudyFile(tmp_path / "one.py"), tmp_path / name / "studies")
+    path = tmp_path / "new" / "studies" / "one" / "t.csv"
+    frame = pd.read_csv(path)
+    # Ten pairs, of which three are threefold apart in their middles only.
+    frame.iloc[::-1].to_csv(path, index=False)
+    found = compare_runs(tmp_path / "kept", tmp_path / "new")
+    assert [item.new for item in found.differences] == ["7 of 7 the other way round"]
+    # The same order, within errors that have grown.
+    frame = frame.iloc[::-1].reset_index(drop=True)
+    frame["ns_low"], frame["ns_high"], frame["ns_error"] = -300.0, 300.0, 300.0
+    frame[["ns", *ends]].to_csv(path, index=False)
+    assert compare_runs(tmp_path / "kept", tmp_path / "new").differences == []
 
 
 def test_what_is_missing_or_failed_differs(runs):
