@@ -69,6 +69,25 @@ def test_a_curve_bends_at_the_marks_that_can_be_seen(size: float, power: float) 
     assert np.all(np.abs(found.at(y) - curve.at(y)) <= found.bound[found.piece(y)])
 
 
+@pytest.mark.parametrize(("size", "power"), [(1e-3, 1.5), (1e-6, 1.0)])
+def test_a_bend_that_nobody_marked_is_seen(size: float, power: float) -> None:
+    """What is cut at places without a name may bend there, and slices have to know."""
+    # A neighbour that is short leaves the bend to be seen within little.
+    edges = np.sort(np.append(EDGES, BEND - 1e-5))
+    kinds = np.zeros(edges.size - 1, dtype=int)
+    kinds[11] = 1
+    curve = of_function(kinked(size, power), edges, kinds)
+    found = joined(curve, 1e-11, np.empty(0))
+    assert found.bends.size > 0
+    assert np.all(np.abs(found.bends - BEND) <= 1e-5)
+    # Smooth ends that no series joins are no bends.
+    edges = np.union1d(EDGES, np.linspace(-1.0, 1.0, 21))
+    steep = of_function(lambda y: np.tanh(8.0 * y), edges, np.zeros(edges.size - 1, dtype=int))
+    found = joined(steep, 1e-11, np.empty(0))
+    assert found.error.size > 1
+    assert found.bends.size == 0
+
+
 def test_a_kink_below_what_is_allowed_is_joined_away() -> None:
     curve = of_function(kinked(1e-13, 1.5), EDGES, np.zeros(EDGES.size - 1, dtype=int))
     found = joined(curve, 1e-11, MARKS)

@@ -39,7 +39,11 @@ PARTS = (1, 2, 4, 8, 16, 32)
 # Even cells of y, in which pieces are looked up; up to the first number they are wide.
 _FAR, _FAR_CELLS, _CELLS = -4.0, 64, 1024
 # Runs of nodes, and rows, that are worth another thread.
-_FEW_RUNS, _FEW_ROWS = 300, 200
+_FEW_RUNS, _FEW_ROWS, _FEW_CLAMPED = 300, 200, 20
+# Places at which the product is the cosine that are followed as n.l changes.
+_COURSES = 8
+# Steps of bisection that tell where they change course.
+_HALVINGS = 32
 # Samples of a piece in the search for extrema.
 _SAMPLES = 24
 # Steps of bisection: float64 has no use for more.
@@ -376,8 +380,18 @@ class LogCurve:
 
     @cached_property
     def marks(self) -> np.ndarray:
-        """Coordinates at which the albedo after this one may bend: see `_marks`."""
-        return _marks(self)
+        """Coordinates at which the albedo after this one may bend.
+
+        There the curve has the value of one of its extrema or ends, those included.
+        """
+        return np.union1d(self.turns[1:-1], mates(self, self.turns))
+
+    @cached_property
+    def floored_marks(self) -> np.ndarray:
+        """The same where what is divided by is not less than the cosine."""
+        ends, crossings = self.floored_turns, self.crossings
+        corners = np.concatenate((ends, crossings))
+        return np.unique(np.concatenate((ends[1:-1], crossings, mates(self, corners, True))))
 
     @cached_property
     def turns(self) -> np.ndarray:
@@ -402,15 +416,12 @@ class LogCurve:
         return np.append(y.ravel(), self.edges[-1])
 
 
-def _marks(curve: LogCurve) -> np.ndarray:
-    """Coordinates at which a curve has the value of one of its extrema or ends, those included."""
-    ends = curve.turns
-    return np.union1d(ends[1:-1], mates(curve, ends))
+def mates(curve: LogCurve, y: np.ndarray, floor: bool = False) -> np.ndarray:
+    """Coordinates at which a curve has the values that it has at others, but for these.
 
-
-def mates(curve: LogCurve, y: np.ndarray) -> np.ndarray:
-    """Coordinates at which a curve has the values that it has at others, but for these."""
-    found = np.concatenate([np.empty(0), *_equal_levels(_Step(curve, False), y)])
+    With a floor it is the larger of the curve and the cosine.
+    """
+    found = np.concatenate([np.empty(0), *_equal_levels(_Step(curve, floor), y)])
     return np.unique(found[np.isfinite(found)])
 
 
@@ -565,7 +576,7 @@ class Divisor:
             for curve in self.curves:
                 found += self._levels_of(curve, y_l)
             for curve in self.curves[:-1]:
-                found += [np.full(y_l.size, y) for y in curve.marks]
+                found += [np.full(y_l.size, y) for y in self._marks_of(curve)]
         return _columns([unfolded(y) for y in found + self._clamped(y_l)], y_l.size)
 
     def last_levels(self, cos_light: np.ndarray) -> np.ndarray:
@@ -592,9 +603,8 @@ class Divisor:
 
     def _marks(self, curves: list[LogCurve]) -> np.ndarray:
         """The marks of some of the curves, and those of control."""
-        found = [np.empty(0), *(curve.marks for curve in curves)]
-        if self.control == "literal":
-            found += [curve.crossings for curve in curves]
+        found = [np.empty(0), *(self._marks_of(curve) for curve in curves)]
+        found += [curve.bends for curve in curves]
         if self.control == "cumulative" and self.curves:
             # Where the product is the cosine with V as high as L, and with V at the normal.
             for other in (None, 1.0):
@@ -607,6 +617,46 @@ class Divisor:
                 found.append(_sign_changes(excess, self.curves[-1].samples))
         together: np.ndarray = np.unique(np.concatenate(found))
         return together
+
+    def _marks_of(self, curve: LogCurve) -> np.ndarray:
+        return curve.floored_marks if self.control == "literal" else curve.marks
+
+    def turnings(self, y: np.ndarray) -> np.ndarray:
+        """Coordinates of n.l at which the places change course where the product is the cosine.
+
+        There two of them meet, one reaches an end, or another albedo takes over at it.
+
+        Parameters
+        ----------
+        y : ndarray
+            Ascending; what happens more often than once between two of them may be passed over.
+        """
+        curves = self.curves
+        if self.control != "cumulative" or not curves:
+            return np.empty(0)
+
+        def course(y_l: np.ndarray) -> np.ndarray:
+            found = np.full((_COURSES, y_l.size), np.nan)
+            for line, level in zip(found, self._clamped(y_l), strict=False):
+                line[:] = level
+            found.sort(axis=0)
+            sides = []
+            for curve in curves:
+                excess = curve.at(found.ravel()).reshape(found.shape) - curve.at(y_l)
+                flat = FLAT * float(curve.error.max())
+                sides.append(np.where(np.abs(excess) > flat, np.sign(excess), 0.0))
+            told = np.concatenate((np.where(np.isnan(found), 0.0, 1.0), *np.nan_to_num(sides)))
+            return np.ascontiguousarray(told.T)
+
+        at = course(y)
+        k = np.flatnonzero((at[1:] != at[:-1]).any(1))
+        low, high, left = y[k], y[k + 1], at[k]
+        for _ in range(_HALVINGS if k.size else 0):
+            middle = 0.5 * (low + high)
+            same = (course(middle) == left).all(1)
+            low, high = np.where(same, middle, low), np.where(same, high, middle)
+        found: np.ndarray = 0.5 * (low + high)
+        return found
 
     @cached_property
     def _free(self) -> Divisor:
@@ -630,17 +680,33 @@ class Divisor:
         if self.control != "cumulative" or not self.curves:
             return []
         used = self._free
-        y = self.curves[-1].samples
-        at_v = np.stack([curve.at(y) for curve in used._used])
+        y, at_v = self._sampled
         at_l = np.stack([curve.at(y_l) for curve in used._used])
         log_v = np.log(np.maximum(unfolded(y), LOWEST))
-        room = 4
-        while True:
-            out = np.full((room, y_l.size), np.nan)
-            most = _clamp_levels(y, log_v, at_v, y_l, at_l, *used._pieces, out)
-            if most <= room:
-                return list(out[:most])
-            room = most
+
+        def fill(part: slice) -> np.ndarray:
+            rows = y_l[part], np.ascontiguousarray(at_l[:, part])
+            room = 4
+            while True:
+                out = np.full((room, rows[0].size), np.nan)
+                most = _clamp_levels(y, log_v, at_v, *rows, *used._pieces, out)
+                if most <= room:
+                    return out[:most]
+                room = most
+
+        found = side_by_side(fill, y_l.size, _FEW_CLAMPED)
+        levels = np.full((max(len(part) for part in found), y_l.size), np.nan)
+        begin = 0
+        for part in found:
+            levels[: len(part), begin : begin + part.shape[1]] = part
+            begin += part.shape[1]
+        return list(levels)
+
+    @cached_property
+    def _sampled(self) -> tuple[np.ndarray, np.ndarray]:
+        """Coordinates that show the extrema of the newest curve, and what is divided by there."""
+        y = self.curves[-1].samples
+        return y, np.stack([curve.at(y) for curve in self._free._used])
 
 
 @kernel
@@ -693,9 +759,15 @@ def _clamp_levels(y, log_v, at_v, y_l, at_l, parts, cells, out):
     """
     steps, most = at_v.shape[0], 0
     places, seen = np.empty(3), np.empty(3)
+    product = np.empty(y.size)
     for r in range(y_l.size):
         cosine, _ = unfold(y_l[r])
         log_l = math.log(max(cosine, LOWEST))
+        product[:] = 0.0
+        for j in range(steps):
+            at_own = at_l[j, r]
+            for i in range(y.size):
+                product[i] += max(at_v[j, i], at_own)
         count, looks, i = 0, 0, 0
         own = False
         while i < y.size:
@@ -705,10 +777,7 @@ def _clamp_levels(y, log_v, at_v, y_l, at_l, parts, cells, out):
                 own = True
                 places[2], seen[2] = y_l[r], _excess(y_l[r], log_l, at_l, r, parts, cells)
             else:
-                total = 0.0
-                for j in range(steps):
-                    total += max(at_v[j, i], at_l[j, r])
-                places[2], seen[2] = y[i], total - max(log_v[i], log_l)
+                places[2], seen[2] = y[i], product[i] - max(log_v[i], log_l)
                 i += 1
             looks += 1
             if looks > 1 and (seen[1] > 0.0) != (seen[2] > 0.0):

@@ -20,6 +20,9 @@ _TO_SERIES = np.linalg.inv(chebyshev.chebvander(_NODES, TERMS - 1)).T
 # Every piece is looked at in so many places, between which a series may be off twice as much.
 _LOOKS = np.sin(0.5 * np.pi * (np.arange(8) + 0.5) / 8.0) ** 2
 _BETWEEN = 2.0
+# About ends that are no marks a curve is looked at within so much of the shorter neighbour, but not
+# nearer than that, and bends where it is off so many times more than is allowed.
+_LESS, _WIDE, _PLAIN = 0.125, 0.004, 20.0
 # Where a bend shows that is in the middle of a series.
 _ABOUT = chebyshev.chebpts1(40)
 
@@ -93,7 +96,8 @@ def joined(curve: LogCurve, allowed: float, marks: np.ndarray) -> LogCurve:
     -------
     LogCurve
         Its pieces are whole ones of the curve, and its errors cover what it differs by. It is said
-        to bend at those marks at which no series holds it.
+        to bend at those marks at which no series holds it, and at other ends of pieces where a kink
+        is seen about them.
     """
     joints, allowed = _Joints(curve), allowed / _BETWEEN
     number = np.arange(curve.error.size)
@@ -128,15 +132,17 @@ def joined(curve: LogCurve, allowed: float, marks: np.ndarray) -> LogCurve:
 
 
 def _bends(curve: LogCurve, allowed: float, marks: np.ndarray) -> np.ndarray:
-    """Ends of pieces among some places about which no series holds a curve."""
-    size = np.diff(curve.edges)
-    own = np.flatnonzero(np.isin(curve.edges[1:-1], marks))
-    y, reach = curve.edges[1:-1][own], np.minimum(size[1:], size[:-1])[own]
+    """Ends of pieces about which no series holds a curve; those that are no marks may be there
+    because it is none of few terms, and have to bend within less."""
+    y, size = curve.edges[1:-1], np.diff(curve.edges)
+    marked, least = np.isin(y, marks), np.minimum(size[1:], size[:-1])
+    reach = np.where(marked, least, np.maximum(_LESS * least, _WIDE))
     near = y[:, None] + reach[:, None] * np.append(_NODES, _ABOUT)
-    value = curve.at(near)
+    value = curve.at(np.clip(near, curve.edges[0], curve.edges[-1]))
     series = value[:, :TERMS] @ _TO_SERIES
     missed = np.abs(series @ chebyshev.chebvander(_ABOUT, TERMS - 1).T - value[:, TERMS:]).max(1)
-    return y[missed > allowed]
+    inside = (y - reach >= curve.edges[0]) & (y + reach <= curve.edges[-1])
+    return y[(missed > np.where(marked, 1.0, _PLAIN) * allowed) & (marked | inside)]
 
 
 def _ways(groups: _Groups, pairs: np.ndarray) -> Iterator[tuple[np.ndarray, int]]:

@@ -17,6 +17,7 @@ piece by piece, which gives a triangular system; the moduli of its inverse bound
 from __future__ import annotations
 
 import itertools
+import operator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -51,9 +52,10 @@ from albedo.operators.profiles import Ahead, Profiles
 _EPS = np.finfo(np.float64).eps
 _ROUNDINGS = 40.0
 _MOST_PIECES = 400
-_SHORTEST = 1e-5
+# Pieces are halved down to this length, and next to the normal to that.
+_SHORTEST, _BLURRED = 1e-7, 1e-5
 # Marks that are closer than this are one.
-_APART = 1e-7
+_APART = 1e-11
 # Integrals around rings are had to this share of the tolerance, or as well as float64 allows.
 _INNER, _FINEST = 0.06, 2e-13
 # What they leave unknown of a row is tolerated up to a share of that; then rows are had for steps
@@ -74,6 +76,8 @@ _JOINED = 0.05
 _AMPLE = 0.5
 # Slices that err by less than this share of the worst of their row wait until those are refined.
 _WORST = 0.1
+# Places of a piece in the search for what bends there.
+_LOOKS = 33
 # Pieces are joined where one does with this share of their rows.
 _FEWER = 0.7
 # Rows that no piece uses any more are kept as long as they are fewer than this share of all.
@@ -434,14 +438,9 @@ class Ladder:
         while True:
             value, own = self._values()
             fits = self._fits(self._pieces, np.log(value), own)
-            poor = [
-                k
-                for k, fit in enumerate(fits)
-                if fit.bound > self.rtol and not fit.stuck and self._may_refine(self._pieces[k])
-            ]
-            if not poor or len(self._pieces) + len(poor) > _MOST_PIECES:
+            poor = [k for k, fit in enumerate(fits) if fit.bound > self.rtol and not fit.stuck]
+            if not poor or len(self._pieces) + len(poor) > _MOST_PIECES or not self._refine(poor):
                 break
-            self._refine(poor)
         self._thin_out(fits, np.log(value), own)
         fine = LogCurve(
             np.array([piece.low for piece in self._pieces] + [LAST]),
@@ -453,7 +452,7 @@ class Ladder:
         curve = joined(fine, _JOINED * self.rtol, marks)
         self._cells.append(np.union1d(self._cells[-1] if self._cells else self._start, curve.edges))
         self._transfer.append(self._shares(curve))
-        self._mates.append(mates(curve, self._heights))
+        self._mates.append(mates(curve, self._heights, self.control == "literal"))
         self._join(curve, np.log(value), own)
         self.curves.append(curve)
         return curve
@@ -598,24 +597,29 @@ class Ladder:
                     return piece
         return None
 
-    def _may_refine(self, piece: Piece) -> bool:
-        return piece.gaps < MOST or piece.high - piece.low > _SHORTEST
+    def _refine(self, poor: list[int]) -> bool:
+        """Cut pieces where an earlier curve bends; else give them more nodes, or halve them.
 
-    def _refine(self, poor: list[int]) -> None:
-        """Cut pieces where an earlier curve bends; else give them more nodes, or halve them."""
+        Whether there was one that is not too short.
+        """
+        seen = [self._pieces[k] for k in poor]
+        y = np.concatenate([np.linspace(piece.low, piece.high, _LOOKS) for piece in seen])
+        turnings = self._divisor().turnings(np.unique(y))
         pieces = []
         for k, piece in enumerate(self._pieces):
-            pieces += self._refined(piece) if k in poor else [piece]
+            pieces += self._refined(piece, turnings) if k in poor else [piece]
+        changed = len(pieces) > len(self._pieces) or any(map(operator.is_not, pieces, self._pieces))
         self._pieces = pieces
         self._lay_out()
+        return changed
 
-    def _refined(self, piece: Piece) -> list[Piece]:
+    def _refined(self, piece: Piece, turnings: np.ndarray) -> list[Piece]:
         a, b, bent = piece.low, piece.high, piece.bent
         # So near to the normal no cosine tells nodes from each other.
-        end = min(b - _APART, LAST - _SHORTEST)
+        end = min(b - _APART, LAST - _BLURRED)
         # What earlier steps did not bend enough to be seen, this one hardly does.
         newest, every = self._divisor().marks
-        newest = np.unique(np.concatenate((newest, *self._mates[-1:])))
+        newest = np.unique(np.concatenate((newest, turnings, *self._mates[-1:])))
         for marks in (newest, np.unique(np.concatenate((every, *self._mates)))):
             apart = marks[np.diff(marks, prepend=-np.inf) > _APART]
             inside = apart[(apart > a + _APART) & (apart < end)].tolist()
@@ -624,6 +628,8 @@ class Ladder:
         else:
             if piece.gaps < MOST:
                 return [piece.refined()]
+            if b - a <= (_SHORTEST if a < LAST - _BLURRED else _BLURRED):
+                return [piece]
             middle = 0.5 * (a + b)
             return [Piece.new(a, middle, bent & 1), Piece.new(middle, b, bent & 2)]
         # Ends that bend have the clustered nodes; between two of them a piece is halved.
