@@ -65,7 +65,7 @@ _INNER, _FINEST = 0.06, 2e-13
 _COARSE, _FARTHEST = 0.1, (0.0, 4.0, 12.0, 30.0, 100.0)
 # Sums over rings may have this share of it; slices are not cut to less than a part of a panel,
 # to which twenty halvings lead, after a few rounds that give more nodes.
-_SHARE, _ROUNDS, _NARROWEST = 0.05, 32, 1e-6
+_SHARE, _ROUNDS, _NARROWEST = 0.04, 32, 1e-6
 # What a kink that no node sees may hide in one slice, as a share of the tolerance.
 _HIDDEN = 0.001
 # Pairs of heights that are worth another thread.

@@ -27,7 +27,7 @@ from albedo.operators.stages import Stages, stages
 
 _MOST_STEPS = 100
 # What the albedos that are divided by are worth: twenty curves leave 1e-8.
-_OF_CURVES = 7.5e-11
+_OF_CURVES = 7e-11
 # What albedos that are divided by tables are worth, in what the tables were asked for.
 _FOLD = 1.2
 
