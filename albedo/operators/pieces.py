@@ -76,7 +76,7 @@ class Piece:
         return found if found.worse <= _WORSE else None
 
     def refined(self) -> Piece:
-        """With twice as many gaps."""
+        """With the next larger usual number of gaps, on nodes of Chebyshev."""
         return replace(self, gaps=_USUAL if self.gaps < _USUAL else MOST, chosen=None)
 
     @cached_property
