@@ -10,7 +10,7 @@ import pytest
 
 import albedo
 from albedo.charts.heights import FIRST, LAST, LOWEST, folded, unfolded
-from albedo.operators.divisor import CONTROLS
+from albedo.operators.divisor import CONTROLS, LogCurve
 from albedo.operators.families import Families
 from albedo.operators.ladder import Ladder
 from albedo.operators.profiles import Profiles
@@ -246,6 +246,44 @@ def test_controlled_curves_are_those_of_a_finer_ladder(spec: str, control: str) 
         bound = curve.bound[curve.piece(y)] + exact.bound[exact.piece(y)]
         bound += found.doubt(k) + fine.doubt(k)
         assert np.all(np.abs(curve.at(y) - exact.at(y)) <= bound)
+
+
+def rows_with(
+    curves: list[LogCurve], model: albedo.Model, control: str | None, c: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Values and errors of rows at some cosines, had as well as can be, with given divisors."""
+    found = Ladder(model, control, 1e-12)
+    found.curves, found._divisors = list(curves), {}
+    fresh = np.zeros(c.size, dtype=int)
+    found._parts = [found._profile(part, c, fresh) for part in model.parts()]
+    found._cos = c
+    return found._values()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("control", CONTROLS)
+@pytest.mark.parametrize("steps", [3, 7])
+@pytest.mark.parametrize(
+    "spec",
+    [
+        "ward_duer:m=0.2",
+        "oren_nayar",
+        "cook_torrance:geometry=smith_rational,m=0.1",
+        "lafortune",
+        "schlick",
+    ],
+)
+def test_rows_err_by_no_more_than_they_say(spec: str, steps: int, control: str | None) -> None:
+    """Against rows that are had seventy times as precisely, with the same divisors."""
+    model = next(albedo.grammar.parse(spec).models())
+    found = climbed(model, steps, control)
+    for profiles in found._parts:
+        found._meet(profiles, found._cos, found._met)
+    found._met = steps
+    value, own = found._values()
+    rows = np.arange(0, found._cos.size, 2)
+    exact, rest = rows_with(found.curves, model, control, found._cos[rows])
+    assert np.all(np.abs(value[rows] / exact - 1.0) <= own[rows] + rest)
 
 
 @pytest.mark.slow

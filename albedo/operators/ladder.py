@@ -66,8 +66,9 @@ _COARSE, _FARTHEST = 0.1, (0.0, 4.0, 12.0, 30.0, 100.0)
 # Sums over rings may have this share of it; slices are not cut to less than a part of a panel,
 # to which twenty halvings lead, after a few rounds that give more nodes.
 _SHARE, _ROUNDS, _NARROWEST = 0.04, 32, 1e-6
-# What a kink that no node sees may hide in one slice, as a share of the tolerance.
-_HIDDEN = 0.001
+# What a kink that no node sees may hide in one slice, as a share of the tolerance, and how many of
+# those in a row are taken to hide all of it.
+_HIDDEN, _MANY = 0.001, 20.0
 # Pairs of heights that are worth another thread.
 _WORTH = 500
 # What a curve that later steps divide by may differ from the one that was fitted, as a share of it.
@@ -353,7 +354,7 @@ class Ladder:
             ):
                 break
         error = of_slices.sum(0) + of_panels.sum(0) + other
-        return value, error / value + _ROUNDINGS * _EPS
+        return value, error / value + _ROUNDINGS * _EPS + _MANY * _HIDDEN * self.rtol
 
     def _added_up(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Values of all rows, bounds of slices and panels part by part, and all other errors."""
