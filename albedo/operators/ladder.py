@@ -51,7 +51,7 @@ from albedo.operators.profiles import Ahead, Profiles
 
 _EPS = np.finfo(np.float64).eps
 _ROUNDINGS = 40.0
-_MOST_PIECES = 400
+_MOST_PIECES = 1000
 # Pieces are halved down to this length, and next to the normal to that.
 _SHORTEST, _BLURRED = 1e-7, 1e-5
 # Marks that are closer than this are one.
