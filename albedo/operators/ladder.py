@@ -47,7 +47,7 @@ from albedo.operators.families import Families
 from albedo.operators.joined import joined
 from albedo.operators.nodes import MOST, TRUST, cosines
 from albedo.operators.pieces import FRESH, Piece, bound_of
-from albedo.operators.profiles import Ahead, Profiles
+from albedo.operators.profiles import Ahead, Profiles, Runs
 
 _EPS = np.finfo(np.float64).eps
 _ROUNDINGS = 40.0
@@ -159,6 +159,12 @@ def rings_of(part: Part, levels: Any = None) -> RingsChart:
     raise InputError(f"the {part.name} part has no chart of rings of constant n.v")
 
 
+def _middles(edges: np.ndarray) -> np.ndarray:
+    """The middle of each cell."""
+    found: np.ndarray = 0.5 * (edges[1:] + edges[:-1])
+    return found
+
+
 def _finest(part: Part) -> float:
     """How precisely integrals around the rings of a part can be had."""
     return max(_FINEST, rings_of(part).finest(min(part.widths)))
@@ -201,6 +207,10 @@ class Ladder:
         self._transfer: list[np.ndarray] = []
         self._divisors: dict[int, Divisor] = {}
         self._doubts: dict[int, float] = {}
+        # What errors of curves do to the albedos of all parts together, after the last step that
+        # was looked at; bounds on what they do after every step, of all together and part by part.
+        self._passed: tuple[int, np.ndarray] = 0, np.empty((0, 0))
+        self._averages: dict[int, np.ndarray] = {}
         far, near = np.linspace(FIRST, -4.0, 7), np.linspace(0.0, LAST, 4)
         # What has a kink for all light has one in its albedo, and later where a step divides by as
         # much as there.
@@ -431,11 +441,7 @@ class Ladder:
 
     def step(self) -> LogCurve:
         """The curve of the present albedo; later steps divide by it."""
-        if self._met < len(self.curves):
-            self._leave_out()
-            for profiles in self._parts:
-                self._meet(profiles, self._cos, self._met)
-            self._met = len(self.curves)
+        self._pass_on()
         while True:
             value, own = self._values()
             fits = self._fits(self._pieces, np.log(value), own)
@@ -451,40 +457,65 @@ class Ladder:
         )
         marks = np.concatenate((*self._divisor().marks, *self._mates, self._heights))
         curve = joined(fine, _JOINED * self.rtol, marks)
-        self._cells.append(np.union1d(self._cells[-1] if self._cells else self._start, curve.edges))
         self._transfer.append(self._shares(curve))
+        self._cells.append(np.union1d(self._cells[-1] if self._cells else self._start, curve.edges))
         self._mates.append(mates(curve, self._heights, self.control == "literal"))
         self._join(curve, np.log(value), own)
         self.curves.append(curve)
         return curve
 
-    def _shares(self, curve: LogCurve) -> np.ndarray:
-        """What the errors of all curves do to that of a new one, on its cells: see the module.
-
-        The columns are the new errors of the pieces of the first curve, of the second, ..., and
-        of this one.
-        """
+    def _pass_on(self) -> None:
+        """Take the steps that are new into the products of all rows, and see what becomes of the
+        errors of all curves."""
+        steps = len(self.curves)
+        if self._met < steps:
+            self._leave_out()
+            for profiles in self._parts:
+                self._meet(profiles, self._cos, self._met)
+            self._met = steps
+        if steps == 0 or self._passed[0] == steps:
+            return
         edges = self._cells[-1]
-        middle = 0.5 * (edges[1:] + edges[:-1])
-        before = self._transfer[-1].shape[1] if self._transfer else 0
-        found = np.zeros((middle.size, before + curve.error.size))
-        found[np.arange(middle.size), before + curve.piece(middle)] = 1.0
-        if not before:
-            return found
         # The rows next to the middles stand for all cells.
-        rows, of_cell = np.unique(self._nearest(middle), return_inverse=True)
+        rows, of_cell = np.unique(self._nearest(_middles(edges)), return_inverse=True)
         c = self._cos[rows]
-        y_l, mirror = folded(c), self._mirror()[0][rows]
         control, log_light = self._controlled(c)
         runs = [profiles.sent(control, log_light, rows, edges) for profiles in self._parts]
-        total = mirror + sum(run.total for run in runs)
-        for earlier, cells, transfer in zip(self.curves, self._cells, self._transfer, strict=False):
+        mirror = self._mirror()[0][rows]
+        together = self._averaged(runs, mirror, c, of_cell)
+        found = [together]
+        for run in runs:
+            alone = len(runs) == 1 and not mirror.any()
+            own = together if alone else self._averaged([run], np.zeros(c.size), c, of_cell)
+            found.append(own)
+        self._passed = steps, together
+        self._averages[steps] = np.abs(found) @ self._new(steps)
+
+    def _averaged(
+        self, runs: list[Runs], mirror: np.ndarray, c: np.ndarray, of_cell: np.ndarray
+    ) -> np.ndarray:
+        """What the errors of all curves do to an average over some light, on the cells of the last.
+
+        Parameters
+        ----------
+        runs : list of Runs
+            The light that rows send on.
+        mirror : ndarray, shape (n,)
+            What they send on to the height that they come from.
+        c : ndarray, shape (n,)
+            Cosines of the rows.
+        of_cell : ndarray of int, shape (m,)
+            The row that stands for each cell.
+        """
+        middle, y_l = _middles(self._cells[-1]), folded(c)
+        found = np.zeros((middle.size, self._transfer[-1].shape[1]))
+        # Where nothing is sent on, nothing is averaged.
+        total = np.maximum(mirror + sum(run.total for run in runs), 1e-300)
+        for earlier, cells, transfer in zip(self.curves, self._cells, self._transfer, strict=True):
             # Cells are cut and never joined: each lies in one of an earlier curve.
             of_earlier = np.searchsorted(cells, middle) - 1
             at_l = earlier.at(y_l)
-            matrix = np.zeros((rows.size, transfer.shape[0]))
-            # A mirror's light has one height.
-            own = mirror.copy()
+            matrix, own = np.zeros((c.size, transfer.shape[0])), mirror.copy()
             for run in runs:
                 of_v = of_earlier[run.piece]
                 from_v = run.row, of_v, run.y, run.share, run.lowest
@@ -494,6 +525,53 @@ class Ladder:
             found[:, : transfer.shape[1]] -= passed[of_cell] + kept
         return found
 
+    def _shares(self, curve: LogCurve) -> np.ndarray:
+        """What the errors of all curves do to that of a new one, on its cells: see the module.
+
+        The columns are the new errors of the pieces of the first curve, of the second, ..., and
+        of this one.
+        """
+        before = self._cells[-1] if self._cells else self._start
+        middle = _middles(np.union1d(before, curve.edges))
+        own = np.zeros((middle.size, curve.error.size))
+        own[np.arange(middle.size), curve.piece(middle)] = 1.0
+        if not self.curves:
+            return own
+        # Averages change little from one end of a cell to the other.
+        return np.column_stack((self._passed[1][np.searchsorted(before, middle) - 1], own))
+
+    def average(self, steps: int, cos_theta: np.ndarray, part: int | None = None) -> np.ndarray:
+        """Bounds on what the divisor of so many steps makes albedos err by, relatively.
+
+        It errs less in the average over all V than for the worst of them.
+
+        Parameters
+        ----------
+        steps : int
+        cos_theta : ndarray, shape (n,)
+            Incidences; below `LOWEST` as there.
+        part : int, optional
+            Of the light that one part of the model sends on; of all by default.
+        """
+        if steps == 0:
+            return np.zeros(cos_theta.shape)
+        if steps not in self._averages:
+            self._pass_on()
+        own = self._averages[steps][0 if part is None else part + 1]
+        cell = np.searchsorted(self._cells[steps - 1], folded(cos_theta), side="right") - 1
+        # What holds in the middle of cells is looked up in those next to it as well.
+        cell = np.clip(cell + np.array([[-1], [0], [1]]), 0, own.size - 1)
+        # As for pairs of heights; an average of exponentials is not the exponential of the average.
+        bent = steps * self.doubt(steps) ** 2
+        found: np.ndarray = 2.0 * own[cell].max(0) + bent + self.divisor(steps).left_out
+        return found
+
+    def _new(self, steps: int) -> np.ndarray:
+        """Bounds on the new errors of the pieces of so many curves, one after the other."""
+        # A curve errs, and extrema as small as its error were passed over.
+        curves = self.curves[:steps]
+        return np.concatenate([FLAT * curve.error.max() + curve.bound for curve in curves])
+
     def doubt(self, steps: int) -> float:
         """Bound on the relative error of the divisor of so many steps, whatever L and V are."""
         if steps not in self._doubts:
@@ -501,11 +579,8 @@ class Ladder:
         return self._doubts[steps]
 
     def _doubt(self, steps: int) -> float:
-        curves = self.curves[:steps]
-        # A curve errs, and extrema as small as its error were passed over.
-        new = np.concatenate([FLAT * curve.error.max() + curve.bound for curve in curves])
-        edges = self._cells[steps - 1]
-        y = 0.5 * (edges[1:] + edges[:-1])
+        curves, new = self.curves[:steps], self._new(steps)
+        y = _middles(self._cells[steps - 1])
         transfers = self._transfer[:steps]
         value = np.stack([curve.at(y) for curve in curves])
         cell = np.stack([np.searchsorted(cells, y) - 1 for cells in self._cells[:steps]])
