@@ -62,7 +62,7 @@ _INNER, _FINEST = 0.06, 2e-13
 # ahead: towards grazing incidence a mirror leaves what is lost at first, and is much once it is
 # pumped up. The few for which that is not enough are had as precisely as families are made of, and
 # for any number of steps.
-_COARSE, _FARTHEST = 0.1, (0.0, 4.0, 12.0, 30.0, 100.0)
+_COARSE, _FARTHEST = 0.15, (0.0, 4.0, 12.0, 30.0, 100.0)
 # Sums over rings may have this share of it; slices are not cut to less than a part of a panel,
 # to which twenty halvings lead, after a few rounds that give more nodes.
 _SHARE, _ROUNDS, _NARROWEST = 0.04, 32, 1e-6

@@ -26,8 +26,8 @@ from albedo.operators.ladder import Ladder, ladder, rings_of
 from albedo.operators.stages import Stages, stages
 
 _MOST_STEPS = 100
-# What the albedos that are divided by are worth: twenty curves leave 1e-8.
-_OF_CURVES = 7e-11
+# What the albedos that are divided by are worth: twenty curves leave an albedo less than 5e-9.
+_OF_CURVES = 4e-10
 # What albedos that are divided by tables are worth, in what the tables were asked for.
 _FOLD = 1.2
 
@@ -148,8 +148,10 @@ class Pumped(Model):
     @property
     def _steps(self) -> Ladder | Stages:
         """The albedos before every step, computed once for all models that read them."""
-        if not self._in_rings:
-            return self._of_tables
+        return self._ladder if self._in_rings else self._of_tables
+
+    @property
+    def _ladder(self) -> Ladder:
         found = ladder(self.base, self.control, _OF_CURVES if self.rtol is None else self.rtol)
         while len(found.curves) < self.steps:
             found.step()
@@ -191,9 +193,10 @@ class Pumped(Model):
         c = np.asarray(cos_theta, dtype=np.float64)
         if not np.all((c >= LOWEST) & (c <= 1.0)):
             raise InputError(f"cos_theta must lie in [{LOWEST:.3g}, 1]")
-        curve, steps = self.albedos[step], self._steps
-        value = curve(c)
-        error = value * (curve.bound[curve.piece(folded(c))] + steps.doubt(step))
+        found = self._ladder
+        curve = found.curves[step]
+        value, passed = curve(c), found.average(step, np.ravel(c)).reshape(c.shape)
+        error = value * (curve.bound[curve.piece(folded(c))] + passed)
         known = np.ones(c.shape, dtype=bool)
         return Estimate(value, error, "bound", np.zeros(c.shape, dtype=int), known)
 
@@ -212,7 +215,7 @@ class Pumped(Model):
         steps = self._steps
         divisor, error = steps.divisor(self.steps), self._error(steps)
         pumped = []
-        for part in self.base.parts():
+        for number, part in enumerate(self.base.parts()):
             own = part.doubt
 
             def doubt(cosines: np.ndarray | None, own: Any = own) -> Any:
@@ -229,7 +232,7 @@ class Pumped(Model):
                     loss=None,
                     loss_chart=None,
                     doubt=doubt,
-                    average_doubt=self._average(steps, part, doubt),
+                    average_doubt=self._average(steps, number, doubt),
                     # Its chart has them.
                     heights=(),
                     routine=routines_of(part),
@@ -244,17 +247,20 @@ class Pumped(Model):
         return steps.doubt(self.steps)
 
     def _average(
-        self, steps: Ladder | Stages, part: Part, doubt: Callable[[np.ndarray | None], Any]
+        self, steps: Ladder | Stages, number: int, doubt: Callable[[np.ndarray | None], Any]
     ) -> Callable[[np.ndarray, np.ndarray], np.ndarray] | None:
-        """See `albedo.brdf.Part`: where errors are known cell by cell, few of them matter."""
-        if not isinstance(steps, Stages) or not steps.trusted(self.steps):
+        """See `albedo.brdf.Part`: an albedo errs by an average of what values err by."""
+        if isinstance(steps, Stages) and not steps.trusted(self.steps):
             return None
         if self._error(steps) == 0.0:
             return None
 
         def average(cosines: np.ndarray, phi: np.ndarray) -> np.ndarray:
-            of_tables = steps.average(part, self.steps, cosines, phi)
-            found: np.ndarray = doubt(cosines) - self._error(steps) + of_tables
+            if isinstance(steps, Stages):
+                passed = steps.average(self.base.parts()[number], self.steps, cosines, phi)
+            else:
+                passed = steps.average(self.steps, cosines, number)
+            found: np.ndarray = doubt(cosines) - self._error(steps) + passed
             return found
 
         return average
@@ -319,7 +325,7 @@ def pump(
         larger (eq. 21); or the first, but the product of all divisors is at least
         max(n.l, n.v).
     rtol : float, optional
-        What the albedos that are divided by are to be worth: 8.5e-11 by default; where they depend
+        What the albedos that are divided by are to be worth: 4e-10 by default; where they depend
         on the azimuth, or a part of an isotropic model has no rings, 3e-10 for the first and
         3e-9 for later ones. The error that they leave in the result is part of its bound.
 
