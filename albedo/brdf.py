@@ -472,6 +472,22 @@ class Model:
         """
         return 64.0 * np.finfo(float).eps * np.abs(weights)
 
+    def sum_doubt(self, cos_theta: np.ndarray, phi: np.ndarray) -> np.ndarray | None:
+        """Relative error of the albedo of all parts and Dirac parts together, of numbers that they
+        have in common.
+
+        Parameters
+        ----------
+        cos_theta, phi : ndarray, shape (n,)
+            Directions to the light.
+
+        Returns
+        -------
+        ndarray, shape (n,), or None
+            None, the default, where nothing more is known than of every part by itself.
+        """
+        return None
+
     def simpler(self) -> dict[str, Model]:
         """Models that leave something out, and may do for less, by what each leaves out.
 

@@ -254,6 +254,8 @@ def _rows(
         )
         batches.setdefault(structure, []).append(k)
     value, error, evaluations = np.zeros(n), np.zeros(n), np.zeros(n, dtype=int)
+    # What of the errors is due to numbers in the models.
+    numbers = np.zeros(n)
     converged = np.ones(n, dtype=bool)
     contributions: dict[str, Estimate] = {}
     spike = _spikes(distinct, which, cos_theta, phi)
@@ -302,7 +304,9 @@ def _rows(
             given = np.where(left > 0.0, left - job.share, 0.0)
             tolerance = {"atol": options["atol"], "rtol": job.rtol, "slack": given}
             result = integrate(*job.what, **tolerance, limit=limit, begun=job.begun)
-            result.error += job.doubt * np.abs(result.value)
+            of_numbers = job.doubt * np.abs(result.value)
+            numbers[rows] += of_numbers
+            result.error += of_numbers
             result.converged &= result.error <= np.maximum(
                 options["atol"], given + options["rtol"] * np.abs(result.value)
             )
@@ -320,6 +324,10 @@ def _rows(
         contributions["mirror"] = spike
         value += np.where(direct, -spike.value, spike.value)
         error += spike.error
+        numbers += spike.error
+    _tell_in_common(
+        distinct, which, cos_theta, phi, ~direct, options["rtol"], value, numbers, error
+    )
     if complement:
         value = np.where(direct, value, 1.0 - value)
         gave_up = np.flatnonzero(direct & np.isnan(value))
@@ -373,6 +381,40 @@ def _spikes(
             total.value[rows] = weights.sum(0)
             total.error[rows] = model.spike_errors(wi[rows], weights).sum(0)
     return total if found else None
+
+
+def _tell_in_common(
+    distinct: Sequence[Model],
+    which: np.ndarray,
+    cos_theta: np.ndarray,
+    phi: np.ndarray,
+    whole: np.ndarray,
+    rtol: float,
+    value: np.ndarray,
+    numbers: np.ndarray,
+    error: np.ndarray,
+) -> None:
+    """Take from the errors of sums what numbers that the parts have in common do not make of them.
+
+    Parameters
+    ----------
+    distinct, which, cos_theta, phi
+        Models, which of them every row has, and directions.
+    whole : ndarray of bool
+        Rows whose value is an albedo.
+    rtol : float
+        What is asked for.
+    value, numbers : ndarray
+        Albedos, and what is in their errors of numbers in every part.
+    error : ndarray
+        Changed in place.
+    """
+    for k, model in enumerate(distinct):
+        told = whole & np.isfinite(numbers) & (numbers > _SMALL * rtol * np.abs(value))
+        rows = np.flatnonzero((which == k) & told)
+        together = model.sum_doubt(cos_theta[rows], phi[rows]) if rows.size else None
+        if together is not None:
+            error[rows] -= np.maximum(numbers[rows] - together * np.abs(value[rows]), 0.0)
 
 
 @dataclass

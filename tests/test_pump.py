@@ -135,7 +135,8 @@ def test_the_divisor_is_one_table_where_all_albedos_rise() -> None:
     c = unfolded(np.linspace(-20.0, 1.0, 50))
     # Phong's albedo is never below the cosine, so both divide by the same.
     sums = sum(np.maximum(curve.at(folded(c)), curve.at(folded(c[::-1]))) for curve in curves)
-    slack = 1e-13 + one.left_out
+    # One table and each curve are read as polynomials that leave something out.
+    slack = 1e-13 + one.left_out + sum(curve.polynomials.left_out.max() for curve in curves)
     np.testing.assert_allclose(one.logs(c, c[::-1].copy()), sums, rtol=0, atol=slack)
     np.testing.assert_allclose(each.logs(c, c[::-1].copy()), sums, rtol=0, atol=1e-11)
     assert one.levels(c).shape == (50, 0)

@@ -47,7 +47,7 @@ _SHOWN = 0.2
 _NOISE = 1024.0 * np.finfo(np.float64).eps
 # A panel has nodes for this many e-folds of its error; a part of one has a few more than that
 # takes, for what it is divided by, and this many at least.
-_DIGITS, _MORE, _LEAST = 27.6, 2.0, 8.0
+_DIGITS, _MORE, _LEAST = 27.6, 4.0, 8.0
 # Slices that are worth another thread, and rows that one integrates at once.
 _FEW, _BATCH = 300, 64
 # Rows that begin with the cells of the one in their midst.

@@ -19,6 +19,7 @@ from albedo._compile import is_kernel
 from albedo.brdf import Kernel, Model, Parameter, Part
 from albedo.charts._compiled import CompiledChart
 from albedo.charts.heights import LOWEST, folded
+from albedo.directions import spherical
 from albedo.errors import InputError
 from albedo.estimate import Estimate
 from albedo.operators.divisor import CONTROLS
@@ -220,9 +221,7 @@ class Pumped(Model):
 
             def doubt(cosines: np.ndarray | None, own: Any = own) -> Any:
                 inherited = own(cosines) if callable(own) else own
-                if self.base.grazing_limit or cosines is None:
-                    return inherited + error
-                return inherited + error + np.where(cosines < LOWEST, np.inf, 0.0)
+                return inherited + error + self._beyond(cosines)
 
             pumped.append(
                 replace(
@@ -264,6 +263,29 @@ class Pumped(Model):
             return found
 
         return average
+
+    def _beyond(self, cosines: np.ndarray | None) -> Any:
+        """What is unknown of the divisor where no albedo is known."""
+        if self.base.grazing_limit or cosines is None:
+            return 0.0
+        return np.where(cosines < LOWEST, np.inf, 0.0)
+
+    def sum_doubt(self, cos_theta: np.ndarray, phi: np.ndarray) -> np.ndarray | None:
+        if self.steps == 0 or not self._in_rings:
+            return None
+        # Each part errs by its own average, and by what the base does.
+        own = [part.doubt for part in self.base.parts()]
+        inherited = np.zeros(cos_theta.size)
+        for doubt in own:
+            known = doubt(cos_theta) if callable(doubt) else doubt
+            inherited = np.maximum(inherited, known)
+        wi = spherical(cos_theta, phi)
+        _, weights = self.base.spikes(wi)
+        if len(weights):
+            off = self.base.spike_errors(wi, weights) / np.maximum(weights, 1e-300)
+            inherited = np.maximum(inherited, off.max(0))
+        found: np.ndarray = inherited + self._ladder.average(self.steps, cos_theta)
+        return found + self._beyond(cos_theta)
 
     def spikes(self, wi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         directions, weights = self.base.spikes(wi)
