@@ -16,7 +16,7 @@ from albedo.operators.families import Families
 from albedo.operators.ladder import Ladder
 from albedo.operators.nodes import cosines
 from albedo.operators.profiles import Profiles
-from albedo.operators.pump import _OF_CURVES
+from albedo.operators.pump import _OF_CURVES, Pumped
 
 # Its albedos have several extrema inside, so that rings have many kinks.
 SCALED = albedo.model("lafortune_scaled", n=20, s=0.95)
@@ -178,6 +178,43 @@ def test_errors_of_curves_are_passed_on_within_the_bound(
             seen.append(float((np.maximum(off - own, 0.0) / passed).max()))
     # Twice, and half as much again for extrema that are passed over, of what a wave may do.
     assert 0.2 <= max(seen) <= 0.5
+
+
+@pytest.mark.parametrize("wave", [0.0, 3.0])
+@pytest.mark.parametrize(
+    "model",
+    [
+        albedo.model("schlick", form="final", roughness=0.1),
+        albedo.model("he_torrance", a_ud=0.2),
+        albedo.model("lafortune", lobes=((-0.9, -0.9, 0.9, 20.0), (0.7, 0.7, 0.3, 4.0))),
+    ],
+    ids=str,
+)
+def test_parts_mirrors_and_sums_err_within_their_bounds(
+    model: albedo.Model, wave: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Errors that parts and mirrors have in common are less in their sum than in each."""
+    steps, c = 4, np.array([1.0, 0.7, 0.3, 0.05, 1e-3, 1e-7])
+    right = albedo.directional_albedo(albedo.pump(model, steps), c)
+    ladder = Wrong(model, None, 0.03 * OFF, wave)
+    while len(ladder.curves) < steps:
+        ladder.step()
+    monkeypatch.setattr(Pumped, "_ladder", property(lambda self: ladder))
+    wrong = albedo.pump(model, steps, rtol=1e-7)
+    # What is asked for is less than the curves can give, so that their errors are most of all.
+    with pytest.warns(albedo.ConvergenceWarning):
+        found = albedo.directional_albedo(wrong, c, rtol=1e-7)
+    lines = [(found, right)] + [(found.parts[k], right.parts[k]) for k in found.parts]
+    assert len(lines) > 2
+    for one, other in lines:
+        assert np.all(np.abs(one.value - other.value) <= one.error + other.error)
+    off = np.abs(found.value - right.value) / found.value
+    assert np.all(off <= ladder.average(steps, c) + 1e-7)
+    assert off.max() >= 0.1 * OFF
+    # The sum is known better than the parts one by one, but where one of them is most of it.
+    one_by_one = np.sum([part.error for part in found.parts.values()], axis=0)
+    assert np.all(found.error <= one_by_one)
+    assert np.any(found.error < 0.8 * one_by_one)
 
 
 def in_quarters(curve: LogCurve) -> LogCurve:
