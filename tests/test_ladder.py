@@ -13,8 +13,8 @@ import albedo
 from albedo.charts.heights import FIRST, LAST, LOWEST, folded, unfolded
 from albedo.operators.divisor import CONTROLS, TERMS, LogCurve, placed
 from albedo.operators.families import Families
-from albedo.operators.ladder import Ladder
-from albedo.operators.nodes import cosines
+from albedo.operators.ladder import _COARSE, _HIDDEN, _MANY, _SHARE, Ladder
+from albedo.operators.nodes import LEBESGUE, TRUST, cosines
 from albedo.operators.profiles import Profiles
 from albedo.operators.pump import _OF_CURVES, Pumped
 
@@ -24,7 +24,7 @@ WIDE = np.geomspace(LOWEST, 1.0, 997)
 
 
 def climbed(model: albedo.Model, steps: int, control: str | None = None) -> Ladder:
-    found = Ladder(model, control, _OF_CURVES)
+    found = Ladder(model, control, _OF_CURVES[0])
     while len(found.curves) < steps:
         found.step()
     return found
@@ -457,9 +457,12 @@ def test_rows_err_by_no_more_than_they_say(spec: str, steps: int, control: str |
 )
 def test_twenty_steps_are_had_to_what_is_promised(spec: str, control: str | None) -> None:
     """By default an albedo is had to 1e-8; most of that is what the divisor may be off."""
-    found = climbed(next(albedo.grammar.parse(spec).models()), 20, control)
-    # Rows that err as much as their series misses them refine no piece: up to 1.8 were seen.
-    assert max(curve.error.max() for curve in found.curves) <= 2.0 * found.rtol
+    found = albedo.pump(next(albedo.grammar.parse(spec).models()), 20, control)._ladder
+    # Rows that err as much as their series misses them refine no piece: sums, integrals around
+    # rings and hidden kinks have a share of the tolerance each.
+    noise = _SHARE + _COARSE + _MANY * _HIDDEN
+    most = (TRUST + LEBESGUE) * noise * found.rtol
+    assert max(curve.error.max() for curve in found.curves) <= most
     # The rest is for the quadrature of the result.
     assert found.average(20, WIDE).max() <= 5e-9
 
@@ -468,8 +471,10 @@ def test_twenty_steps_are_had_to_what_is_promised(spec: str, control: str | None
 @pytest.mark.parametrize("control", CONTROLS)
 def test_what_a_mirror_leaves_at_grazing_incidence_is_had(control: str | None) -> None:
     """Its albedo is a thousandth there, so that every step multiplies what was next to nothing."""
-    found = climbed(albedo.model("he_torrance"), 20, control)
-    assert max(curve.error.max() for curve in found.curves) <= 2.0 * found.rtol
+    found = albedo.pump(albedo.model("he_torrance"), 20, control)._ladder
+    noise = _SHARE + _COARSE + _MANY * _HIDDEN
+    most = (TRUST + LEBESGUE) * noise * found.rtol
+    assert max(curve.error.max() for curve in found.curves) <= most
     assert found.average(20, WIDE[WIDE >= 1e-6]).max() <= 5e-9
     # Most of the rows that look ahead are read from families, not computed when they are asked for.
     (families,) = found._families.values()

@@ -29,7 +29,7 @@ from albedo._threads import by_weight
 from albedo.brdf import Model, Part
 from albedo.charts.axis import AxisChart
 from albedo.charts.cosine import CosineChart
-from albedo.charts.heights import FIRST, LAST, LOWEST, folded
+from albedo.charts.heights import FIRST, LAST, LOWEST, folded, unfolded
 from albedo.charts.polar import PolarChart
 from albedo.charts.rings import MIRROR, RingsChart
 from albedo.charts.tail_rings import TailRingsChart
@@ -77,6 +77,14 @@ _JOINED = 0.05
 _AMPLE = 0.5
 # Slices that err by less than this share of the worst of their row wait until those are refined.
 _WORST = 0.1
+# What albedos, or their product, may be below a cosine by and above it all the same, as a multiple
+# of what all curves may err by.
+_UNSURE = 10.0
+# Where in a cell averages are looked at: in the middle, and wherever a part of them may end that is
+# divided by a cosine.
+_CLAMPED = (0.5, 0.0, 0.25, 0.75, 1.0)
+# What is to be worth most has this n.l at least.
+_DARKEST = 1e-6
 # Places of a piece in the search for what bends there.
 _LOOKS = 33
 # Pieces are joined where one does with this share of their rows.
@@ -211,6 +219,7 @@ class Ladder:
         # was looked at; bounds on what they do after every step, of all together and part by part.
         self._passed: tuple[int, np.ndarray] = 0, np.empty((0, 0))
         self._averages: dict[int, np.ndarray] = {}
+        self._worst: dict[int, float] = {}
         far, near = np.linspace(FIRST, -4.0, 7), np.linspace(0.0, LAST, 4)
         # What has a kink for all light has one in its albedo, and later where a step divides by as
         # much as there.
@@ -476,11 +485,14 @@ class Ladder:
         if steps == 0 or self._passed[0] == steps:
             return
         edges = self._cells[-1]
-        # The rows next to the middles stand for all cells.
-        rows, of_cell = np.unique(self._nearest(_middles(edges)), return_inverse=True)
-        c = self._cos[rows]
+        # The rows next to the middles stand for all cells, and others where averages may jump.
+        shares = _CLAMPED if self.control == "cumulative" else _CLAMPED[:1]
+        y = edges[:-1] + np.array(shares)[:, None] * np.diff(edges)
+        rows, of_cell = np.unique(self._nearest(y.ravel()), return_inverse=True)
+        c, of_cell = self._cos[rows], of_cell.reshape(y.shape)
         control, log_light = self._controlled(c)
-        runs = [profiles.sent(control, log_light, rows, edges) for profiles in self._parts]
+        known = log_light, rows, edges, _UNSURE * sum(curve.bound.max() for curve in self.curves)
+        runs = [profiles.sent(control, *known) for profiles in self._parts]
         mirror = self._mirror()[0][rows]
         together = self._averaged(runs, mirror, c, of_cell)
         found = [together]
@@ -488,13 +500,15 @@ class Ladder:
             alone = len(runs) == 1 and not mirror.any()
             own = together if alone else self._averaged([run], np.zeros(c.size), c, of_cell)
             found.append(own)
-        self._passed = steps, together
-        self._averages[steps] = np.abs(found) @ self._new(steps)
+        self._passed = steps, together[0]
+        self._averages[steps] = (np.abs(found) @ self._new(steps)).max(1)
 
     def _averaged(
         self, runs: list[Runs], mirror: np.ndarray, c: np.ndarray, of_cell: np.ndarray
     ) -> np.ndarray:
         """What the errors of all curves do to an average over some light, on the cells of the last.
+
+        They are as many as there are rows for each cell.
 
         Parameters
         ----------
@@ -504,11 +518,11 @@ class Ladder:
             What they send on to the height that they come from.
         c : ndarray, shape (n,)
             Cosines of the rows.
-        of_cell : ndarray of int, shape (m,)
-            The row that stands for each cell.
+        of_cell : ndarray of int, shape (k, m)
+            The rows that stand for each cell.
         """
         middle, y_l = _middles(self._cells[-1]), folded(c)
-        found = np.zeros((middle.size, self._transfer[-1].shape[1]))
+        found = np.zeros((*of_cell.shape, self._transfer[-1].shape[1]))
         # Where nothing is sent on, nothing is averaged.
         total = np.maximum(mirror + sum(run.total for run in runs), 1e-300)
         for earlier, cells, transfer in zip(self.curves, self._cells, self._transfer, strict=True):
@@ -522,7 +536,7 @@ class Ladder:
                 spread(*from_v, at_l, *earlier.pieces, matrix, own)
             passed = matrix / total[:, None] @ transfer
             kept = (own / total)[of_cell, None] * transfer[of_earlier]
-            found[:, : transfer.shape[1]] -= passed[of_cell] + kept
+            found[:, :, : transfer.shape[1]] -= passed[of_cell] + kept
         return found
 
     def _shares(self, curve: LogCurve) -> np.ndarray:
@@ -565,6 +579,14 @@ class Ladder:
         bent = steps * self.doubt(steps) ** 2
         found: np.ndarray = 2.0 * own[cell].max(0) + bent + self.divisor(steps).left_out
         return found
+
+    def worst(self, steps: int) -> float:
+        """The largest of `average` for all incidences with n.l above a millionth."""
+        if steps not in self._worst:
+            ends = self._cells[steps - 1] if steps else np.array([FIRST, LAST])
+            seen = np.maximum(_middles(ends), folded(np.array(_DARKEST)))
+            self._worst[steps] = float(self.average(steps, unfolded(seen)).max())
+        return self._worst[steps]
 
     def _new(self, steps: int) -> np.ndarray:
         """Bounds on the new errors of the pieces of so many curves, one after the other."""

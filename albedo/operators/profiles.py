@@ -411,7 +411,12 @@ class Profiles:
         side_by_side(lambda part: _multiply(which[part], *known, *rest), which.size, _FEW)
 
     def sent(
-        self, control: int, log_light: np.ndarray, rows: np.ndarray, edges: np.ndarray
+        self,
+        control: int,
+        log_light: np.ndarray,
+        rows: np.ndarray,
+        edges: np.ndarray,
+        unsure: float = 0.0,
     ) -> Runs:
         """The light that some rows send on, from all runs of nodes in one slice and one piece.
 
@@ -424,6 +429,8 @@ class Profiles:
         rows : ndarray of int, shape (k,)
         edges : ndarray
             Ends of the pieces in y, ascending.
+        unsure : float
+            What is no more than this below a cosine may be divided by albedos.
         """
         s = self.slices
         number = np.full(self.geometry.shape[0], -1)
@@ -436,7 +443,8 @@ class Profiles:
         total = np.zeros(rows.size)
         count = _gather(
             *(slices, own, s.order, s.first, s.y, s.density, s.log_product, s.log_scale),
-            *(log_light, control, edges, rules_by_order()[1], row, piece, y, share, lowest, total),
+            *(log_light, control, unsure, edges, rules_by_order()[1]),
+            *(row, piece, y, share, lowest, total),
         )
         filled = slice(count)
         return Runs(row[filled], piece[filled], y[filled], share[filled], lowest[filled], total)
@@ -865,6 +873,7 @@ def _gather(
     log_scale,
     log_light,
     control,
+    unsure,
     edges,
     weights,
     row,
@@ -883,9 +892,9 @@ def _gather(
             i = first[k] + j
             floor = max(log_height(y[i]), log_light[r]) if control != 0 else -math.inf
             product = log_product[i] + log_scale[k]
-            free = control != 2 or product >= floor
-            if not free:
-                product = floor
+            free = control != 2 or product >= floor - unsure
+            if control == 2:
+                product = max(product, floor)
             light = density[i] * math.exp(-product) * weights[q, j]
             total[r] += light
             if at < 0 or not edges[at] <= y[i] < edges[at + 1]:
@@ -894,7 +903,7 @@ def _gather(
                 row[count], piece[count], share[count], most = r, at, 0.0, -1.0
             if abs(light) > most:
                 most, place[count] = abs(light), y[i]
-                lowest[count] = floor if control == 1 else -math.inf
+                lowest[count] = floor - unsure if control == 1 else -math.inf
             if free:
                 share[count] += light
     return count + 1

@@ -27,8 +27,9 @@ from albedo.operators.ladder import Ladder, ladder, rings_of
 from albedo.operators.stages import Stages, stages
 
 _MOST_STEPS = 100
-# What the albedos that are divided by are worth: twenty curves leave an albedo less than 5e-9.
-_OF_CURVES = 4e-10
+# What the albedos that are divided by are worth: the first of these that leaves an albedo less than
+# that share. The first mostly does for twenty steps.
+_OF_CURVES, _LEFT = (4e-10, 1e-10, 2.5e-11), 5e-9
 # What albedos that are divided by tables are worth, in what the tables were asked for.
 _FOLD = 1.2
 
@@ -153,9 +154,14 @@ class Pumped(Model):
 
     @property
     def _ladder(self) -> Ladder:
-        found = ladder(self.base, self.control, _OF_CURVES if self.rtol is None else self.rtol)
-        while len(found.curves) < self.steps:
-            found.step()
+        for rtol in _OF_CURVES if self.rtol is None else (self.rtol,):
+            found = ladder(self.base, self.control, rtol)
+            while len(found.curves) < self.steps:
+                found.step()
+            left = found.worst(self.steps)
+            # Where not even the best of them does, the first is as good.
+            if left <= _LEFT or left * _OF_CURVES[-1] > _LEFT * rtol:
+                break
         return found
 
     @property
@@ -347,9 +353,10 @@ def pump(
         larger (eq. 21); or the first, but the product of all divisors is at least
         max(n.l, n.v).
     rtol : float, optional
-        What the albedos that are divided by are to be worth: 4e-10 by default; where they depend
-        on the azimuth, or a part of an isotropic model has no rings, 3e-10 for the first and
-        3e-9 for later ones. The error that they leave in the result is part of its bound.
+        What the albedos that are divided by are to be worth. By default 4e-10, or less where that
+        leaves more than 5e-9 in an albedo of n.l above a millionth; where they depend on the
+        azimuth, or a part of an isotropic model has no rings, 3e-10 for the first and 3e-9 for
+        later ones. The error that they leave in the result is part of its bound.
 
     Returns
     -------
