@@ -30,6 +30,8 @@ _SCAN_LIMIT = 4_000_000_000
 
 # What the numbers of a part err by is looked at closely from this share of the tolerance on.
 _SMALL = 0.1
+# The share of a tolerance that numbers in a model may take up.
+_MOST_SPENT = 0.7
 
 # A direction this close to the horizon, in widths of the lobe, stands for cos_theta = 0; the
 # change from one a thousand times farther is added to the bound.
@@ -287,8 +289,10 @@ def _rows(
                 if known and average is not None and doubt[at].max() > _SMALL * options["rtol"]:
                     averaged = average(cos_theta[rows][at], phi[rows][at])
                     doubt[at] = np.minimum(doubt[at], averaged)
-            # What the part's own numbers are worth is not spent a second time.
-            rtol = options["rtol"] - min(float(doubt.max()), 0.5 * options["rtol"])
+            # What the part's own numbers are worth is not spent a second time, if it can be had.
+            spent = float(doubt.max())
+            hopeless = spent > _MOST_SPENT * options["rtol"]
+            rtol = options["rtol"] - (0.5 * options["rtol"] if hopeless else spent)
             chart, integrand = _integral(part, part.packed(p), scale, swap, loss)
             if options["shared"] and is_kernel(integrand.fill):
                 integrand = replace(integrand, shared=True)

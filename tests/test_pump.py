@@ -273,3 +273,27 @@ def test_albedos_of_steps_are_had_without_integrals(
         model.albedo_before(steps + 1, COSINES)
     with pytest.raises(InputError, match="cos_theta must lie"):
         model.albedo_before(0, np.array([0.0]))
+
+
+def test_curves_are_made_better_where_steps_leave_too_much_of_an_albedo() -> None:
+    """Next to the normal a product of twenty albedos and the cosine are both 1."""
+    few, many = (albedo.pump(PHONG, steps, "cumulative") for steps in (5, 20))
+    found = albedo.directional_albedo(many, [1.0, 1.0 - 1e-5, 0.3, 1e-6])
+    assert found.converged.all()
+    assert many._ladder.rtol < few._ladder.rtol
+    # What is asked for is what is had.
+    assert albedo.pump(PHONG, 20, "cumulative", rtol=1e-6)._ladder.rtol == 1e-6
+
+
+def test_values_carry_what_the_worst_pair_of_heights_does_and_albedos_their_average() -> None:
+    model = albedo.pump(PHONG, 5, rtol=1e-6)
+    (part,) = model.parts()
+    cosines = np.geomspace(1e-9, 1.0, 50)
+    assert part.average_doubt is not None
+    averages = part.average_doubt(cosines, np.zeros(50))
+    assert np.all(averages <= 0.6 * part.doubt(None))
+    np.testing.assert_array_equal(averages, model.sum_doubt(cosines, np.zeros(50)))
+    # The albedo before the last step errs by its own curve and by the average of those before.
+    before = model.albedo_before(4, cosines)
+    assert np.all(before.error <= 2.0 * (model._ladder.average(4, cosines) + 1e-6) * before.value)
+    assert albedo.pump(PHONG, 0).sum_doubt(cosines, np.zeros(50)) is None

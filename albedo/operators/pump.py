@@ -29,7 +29,7 @@ from albedo.operators.stages import Stages, stages
 _MOST_STEPS = 100
 # What the albedos that are divided by are worth: the first of these that leaves an albedo less than
 # that share. The first mostly does for twenty steps.
-_OF_CURVES, _LEFT = (4e-10, 1e-10, 2.5e-11), 5e-9
+_OF_CURVES, _LEFT = (4e-10, 1e-10, 2.5e-11), 7e-9
 # What albedos that are divided by tables are worth, in what the tables were asked for.
 _FOLD = 1.2
 
@@ -354,7 +354,7 @@ def pump(
         max(n.l, n.v).
     rtol : float, optional
         What the albedos that are divided by are to be worth. By default 4e-10, or less where that
-        leaves more than 5e-9 in an albedo of n.l above a millionth; where they depend on the
+        leaves more than 7e-9 in an albedo of n.l above a millionth; where they depend on the
         azimuth, or a part of an isotropic model has no rings, 3e-10 for the first and 3e-9 for
         later ones. The error that they leave in the result is part of its bound.
 
