@@ -132,8 +132,11 @@ def joined(curve: LogCurve, allowed: float, marks: np.ndarray) -> LogCurve:
 
 
 def _bends(curve: LogCurve, allowed: float, marks: np.ndarray) -> np.ndarray:
-    """Ends of pieces about which no series holds a curve; those that are no marks may be there
-    because it is none of few terms, and have to bend within less."""
+    """Ends of pieces about which no series holds a curve.
+
+    Those that are no marks may be there because it is none of few terms: they have to bend within
+    less, and next to the first and last end of a curve none is told.
+    """
     y, size = curve.edges[1:-1], np.diff(curve.edges)
     marked, least = np.isin(y, marks), np.minimum(size[1:], size[:-1])
     reach = np.where(marked, least, np.maximum(_LESS * least, _WIDE))

@@ -474,8 +474,7 @@ class Ladder:
         return curve
 
     def _pass_on(self) -> None:
-        """Take the steps that are new into the products of all rows, and see what becomes of the
-        errors of all curves."""
+        """Take new steps into the products of all rows, and see what errors of curves do after."""
         steps = len(self.curves)
         if self._met < steps:
             self._leave_out()
