@@ -113,7 +113,7 @@ def test_the_doubt_of_a_divisor_is_that_of_the_worst_pair_of_heights() -> None:
 
 
 class Wrong(Ladder):
-    """Curves that are off by a wave of a height, and say so, from the second on by one another."""
+    """Curves that are off by waves of one height, each with its own phase and sign, and say so."""
 
     def __init__(self, model: albedo.Model, control: str | None, rtol: float, wave: float) -> None:
         super().__init__(model, control, rtol)
