@@ -10,7 +10,7 @@ import cases
 import exact
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.special import erf
 from strategies import azimuths, cosines, decades, whole_charts, widths
@@ -427,6 +427,7 @@ def test_gaussian_lobes_of_many_shapes_are_clipped_exactly(rng: np.random.Genera
 
 
 @given(cosines, azimuths, widths())
+@example(0.375, 0.5, (0.01, 1.0))
 @settings(max_examples=60)
 def test_what_a_gaussian_surface_shows_is_known(c: float, phi: float, width: Any) -> None:
     """The integral of (l.h) D over visible half vectors is n.l (1 + Lambda(l)) of Smith."""
@@ -479,6 +480,78 @@ def test_powers_are_cut_without_loss(
         gap = abs(found.value[0] - whole.value[0])
         assert gap <= found.error[0] + whole.error[0]
         assert gap <= 2e-8 * whole.value[0]
+
+
+def shown_of(c: np.ndarray, width: np.ndarray) -> Any:
+    """The integrand of what a Gaussian surface shows, per n.l."""
+
+    def integrand(row: np.ndarray, wi: np.ndarray, wo: np.ndarray, h: np.ndarray) -> np.ndarray:
+        x, y, q = slopes_of(h)
+        w_x, w_y = width[row, :1], width[row, 1:]
+        e = np.exp(-((x / w_x) ** 2) - (y / w_y) ** 2)
+        return e * q * q / (4.0 * math.pi * w_x * w_y * c[row, None])
+
+    return integrand
+
+
+def half_powers_of(width: np.ndarray) -> Any:
+    """Powers of n.h whose exponents differ along x and y."""
+
+    def integrand(row: np.ndarray, wi: np.ndarray, wo: np.ndarray, h: np.ndarray) -> np.ndarray:
+        n_x, n_y = 2.0 / width[row, :1] ** 2, 2.0 / width[row, 1:] ** 2
+        x2, y2 = (h[0] / h[2]) ** 2, (h[1] / h[2]) ** 2
+        exponent = (n_x * x2 + n_y * y2) / np.maximum(x2 + y2, 1e-300)
+        return np.exp(-0.5 * exponent * np.log1p(x2 + y2)) * np.sqrt(n_x * n_y)
+
+    return integrand
+
+
+def mirror_powers_of(width: np.ndarray) -> Any:
+    """Powers of r.v whose exponents differ with the azimuth of h."""
+
+    def integrand(row: np.ndarray, wi: np.ndarray, wo: np.ndarray, h: np.ndarray) -> np.ndarray:
+        n_x, n_y = 0.5 / width[row, :1] ** 2, 0.5 / width[row, 1:] ** 2
+        x2, y2 = h[0] ** 2, h[1] ** 2
+        exponent = (n_x * x2 + n_y * y2) / np.maximum(x2 + y2, 1e-300)
+        d2 = x2 + y2 + (wi[2][:, None] - wo[2]) ** 2
+        return np.exp(exponent * np.log1p(-0.5 * np.minimum(d2, 1.99999))) * np.sqrt(n_x * n_y)
+
+    return integrand
+
+
+@pytest.mark.parametrize("ratio", [100.0, 3e4])
+@pytest.mark.parametrize("kind", ["slope", "full", "mirror_in_slopes"])
+def test_elliptic_lobes_are_not_hidden_between_kinks_and_nodes(
+    kind: str, ratio: float, rng: np.random.Generator
+) -> None:
+    """A smooth integrand over panels that end at n.v = n.l is what it is over panels that do not.
+
+    Where a lobe is narrow along one axis the kink crosses most of it in a small part of a panel,
+    which few nodes did not see: about one row in 100 to 10 000 had too small a bound.
+    """
+    full, tolerances = kind == "full", (1e-8, 1e-6, 1e-4)
+    count = 400 if full else 2500
+    c = np.where(rng.random(count) < 0.6, rng.uniform(0.01, 1.0, count), 0.5)
+    c = np.where(c == 0.5, 10.0 ** rng.uniform(-4.0, 0.0, count), c)
+    phi = rng.uniform(0.0, 2.0 * math.pi, count)
+    wide = 10.0 ** rng.uniform(-3.0 if full else -2.0, -0.5, count)
+    pair = np.stack((wide, wide * ratio ** -rng.random(count)), axis=1)
+    width = np.where(rng.random(count)[:, None] < 0.5, pair, pair[:, ::-1])
+    if full:
+        integrand, decay = shown_of(c, width), "gaussian"
+    else:
+        powers = half_powers_of if kind == "slope" else mirror_powers_of
+        integrand, decay = powers(width), "cosine_power"
+    chart = PolarChart("slope" if full else kind, "max", decay, full=full)
+    smooth = rows_of(replace(chart, kinks="none"), integrand, c, phi, width, rtol=1e-8)
+    for rtol in tolerances:
+        found = rows_of(chart, integrand, c, phi, width, rtol=rtol)
+        off = np.abs(found.value - smooth.value)
+        # Both may err, and an azimuth is only as good as the ratio of the widths lets it be.
+        slack = 1e-13 * found.value * width.max(1) / width.min(1)
+        assert np.all(off <= found.error + smooth.error + slack), np.flatnonzero(
+            off > found.error + smooth.error + slack
+        )
 
 
 @given(decades(1e-3, 1e9), cosines)

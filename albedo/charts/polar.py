@@ -57,6 +57,12 @@ _LAYEREDNEST_LAYER = 1e-17
 _LAYERED_EDGE = 0.05
 # Power that clusters nodes at a corner where a kink, or the lobe's end, meets an edge with a root.
 _CORNER = 2
+# Square of the distance, in widths, at which a lobe is 4.5e-19 of its peak.
+_REACH = 42.25
+# Four nodes see what lies at a panel's end if a lobe falls by no more e-folds from there to here.
+_FOLDS, _HERE = 2.0, 0.07
+# Lobes of widths further apart than this are cut at such distances from where they are narrow.
+_APART = 16.0
 _EIGHTH = math.tan(0.125 * math.pi)
 
 
@@ -245,7 +251,7 @@ def _breaks(c, big_t, width, kind, kinks, decay, full, b):
         n += 1
         place = j + 1
     # A lobe is cut at 4.5e-19 of its peak; what is lost by it matters down to 1e-293.
-    reach = 676.0 if full else 42.25
+    reach = 676.0 if full else _REACH
     r = math.inf
     if decay == 1:
         r = math.sqrt(reach) * width
@@ -284,7 +290,11 @@ def _scale(c, big_t, width, kind, decay):
     if kind == 5:
         t = width / (c * math.sqrt(1.0 + big_t * big_t))
         return t / math.sqrt(1.0 + t * t)
-    return min(width, 1.0) * (0.5 if decay == 0 or decay == _LAYERED else 1.0)
+    if decay == 0 or decay == _LAYERED:
+        return 0.5 * min(width, 1.0)
+    # As good as the lesser of the width and 1, but smooth where an elliptic lobe is as wide as 1.
+    square = width * width
+    return width / math.sqrt(math.sqrt(1.0 + square * square))
 
 
 @kernel
@@ -357,13 +367,14 @@ def _known_cuts(g, quadrant, steps, coarse, kind, kinks, edge, cuts, corner):
     for k in range(m):
         cuts[k] = end * k / steps
     corners = 0
-    if s > c and kinks != 0 and quadrant % 2 == 0 and not coarse:
+    # About R in slopes, the lobe itself shrinks from |T| = 1 on.
+    if s > c and not coarse and (kind == 5 or (kinks != 0 and quadrant % 2 == 0)):
         tail = math.sqrt((s - c) * (s + c)) / c * slant
         along = wy * sa * cp - wx * ca * sp
         across = -wx * sa * sp - wy * ca * cp
         near = math.atan2(along, tail - across)
         far = math.atan2(along, tail + across)
-        if quadrant == 2:
+        if quadrant == 1 or quadrant == 2:
             near, far = far, near
         for d in (near, math.pi - far):
             if 0.0 < d < 0.5 * math.pi:
@@ -374,6 +385,72 @@ def _known_cuts(g, quadrant, steps, coarse, kind, kinks, edge, cuts, corner):
                 m += 1
         _sort(cuts, m)
     return m, corners
+
+
+@kernel
+def _cut_at_axis(g, quadrant, cuts, m):
+    """Cut at distances in proportion from where an elliptic lobe is narrow; return their number.
+
+    Seen from a lobe of widths w < W a kink moves as the inverse square of its width, which has
+    poles at a distance of w/W from there.
+    """
+    ratio = min(g[6], g[7]) / max(g[6], g[7])
+    if ratio * _APART > 1.0:
+        return m
+    turn = 1.0 if quadrant == 0 or quadrant == 3 else -1.0
+    axis = turn * math.atan2(g[9], g[8]) + (0.0 if g[6] < g[7] else 0.5 * math.pi)
+    axis -= math.pi * math.floor(axis / math.pi)
+    for center in (axis - math.pi, axis):
+        for side in (-1.0, 1.0):
+            away = ratio
+            while away < 0.5:
+                d = center + side * away
+                if 0.0 < d < 0.5 * math.pi and m < cuts.size:
+                    cuts[m] = math.asinh(d / g[11])
+                    m += 1
+                away *= _APART
+    _sort(cuts, m)
+    return m
+
+
+@kernel
+def _fall(g, quadrant, u, kind, reach):
+    """E-folds by which a lobe has fallen where it meets n.v = n.l, at most `reach`."""
+    cos_psi, _, width, _ = _azimuth(g, quadrant, u)
+    big_t = g[1] / g[0] * cos_psi
+    if big_t <= 0.0:
+        return 0.0
+    away = big_t / width
+    if kind == 5:
+        away *= g[0] * math.sqrt(1.0 + big_t * big_t)
+    return min(away * away, reach)
+
+
+@kernel
+def _cut_unseen(g, quadrant, kind, reach, cuts, m):
+    """Cut until few nodes see what lies beyond the kink n.v = n.l; return the number of cuts.
+
+    An elliptic lobe may be narrow at one end of a panel only, and the kink then cross most of it
+    within a small part of the panel, and stay about where little is left in all the others.
+    """
+    least = 1e-9 * cuts[m - 1]
+    k = 0
+    while k < m - 1 and m < cuts.size:
+        low, size = cuts[k], cuts[k + 1] - cuts[k]
+        cut = -1.0
+        if size > least:
+            for end, side in ((low, 1.0), (low + size, -1.0)):
+                here = _fall(g, quadrant, end + side * _HERE * size, kind, reach)
+                if cut < 0.0 and here > _fall(g, quadrant, end, kind, reach) + _FOLDS:
+                    cut = end + 0.25 * side * size
+        if cut < 0.0:
+            k += 1
+            continue
+        for j in range(m, k + 1, -1):
+            cuts[j] = cuts[j - 1]
+        cuts[k + 1] = cut
+        m += 1
+    return m
 
 
 @kernel
@@ -523,12 +600,24 @@ def _panels(geometry, quadrants, coarse, fine, kind, kinks, decay, full, edge, r
             front = quadrant % 2 == 0
             m, corners = _known_cuts(g, quadrant, steps, coarse, kind, kinks, edge, cuts, corner)
             if not coarse:
+                elliptic = kinks == 1 and decay != 0 and front and g[6] != g[7]
+                if elliptic or kind == 5:
+                    m = _cut_at_axis(g, quadrant, cuts, m)
                 m, corners = _cut_at_changes(
                     *(g, quadrant, probes, edge, kind, kinks, decay, full),
                     *(cuts, m, corner, corners, b),
                 )
+                if elliptic:
+                    known = m
+                    m = _cut_unseen(g, quadrant, kind, 676.0 if full else _REACH, cuts, m)
+                    if m > known:
+                        # Smaller panels are probed more finely.
+                        m, corners = _cut_at_changes(
+                            *(g, quadrant, probes, edge, kind, kinks, decay, full),
+                            *(cuts, m, corner, corners, b),
+                        )
                 m, corners = _join_slivers(cuts, m, corner, corners, 1e-12 * end)
-                if kinks == 1 and decay == 0 and front:
+                if (kinks == 1 and decay == 0 and front) or kind == 5:
                     m = _cut_opening(end, cuts, m)
                 m = _cut_between_corners(cuts, m, corner, corners)
             for k in range(m - 1):

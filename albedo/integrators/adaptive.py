@@ -25,6 +25,7 @@ from albedo._compile import kernel
 from albedo.charts.scan import LEAST, ScanChart
 from albedo.errors import InputError
 from albedo.integrators.cells import (
+    HIDDEN,
     MOMENTS,
     Cells,
     Chart,
@@ -53,6 +54,8 @@ _LOOK = 0.1
 _AHEAD = 0.5
 # What moved, times this, bounds the error of the finer rule, and the fall that it may claim.
 _TRUST = 8.0
+# Errors of more times what is seen of a cell tell that it has not been seen.
+_UNSEEN = 0.1 * HIDDEN
 
 
 @dataclass
@@ -741,7 +744,8 @@ def _audit(cells: Cells, children: Cells, work: _Work, doubt: np.ndarray) -> Non
     _compare(
         *(work.parent, work.order, work.cut),
         *(cells.row, cells.order, cells.value, cells.error, cells.size, cells.moments),
-        *(children.value, children.error, children.tight, children.moments, doubt),
+        *(children.value, children.error, children.tight, children.size, children.moments),
+        doubt,
     )
 
 
@@ -759,10 +763,14 @@ def _compare(
     value,
     error,
     tight,
+    size,
     moments,
     doubt,
 ):
-    """What moved is the old error; second halves stand behind the first in the order of parents."""
+    """What moved is the old error; second halves stand behind the first in the order of parents.
+
+    Where one node carries what is seen of a cell, that nothing moved says nothing.
+    """
     other = parent.size - 1
     for k in range(parent.size):
         i = parent[k]
@@ -785,9 +793,13 @@ def _compare(
                 growth = min(growth, ratio)
             if ratio >= 1.2 or cut[k] == d:
                 # Along a direction that became finer, the new error is not worse than the old.
-                if not error[k, d] <= _TRUST * moved:
+                if not error[k, d] <= _TRUST * moved and error[k, d] < _UNSEEN * size[k]:
                     error[k, d] = _TRUST * moved
-                if halved and not error[other, d] <= _TRUST * moved:
+                if (
+                    halved
+                    and not error[other, d] <= _TRUST * moved
+                    and error[other, d] < _UNSEEN * size[other]
+                ):
                     error[other, d] = _TRUST * moved
         if not halved and growth < math.inf:
             # A geometric fall takes the error e of p nodes to e^(q/p) for q nodes.
