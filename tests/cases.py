@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from typing import Any
 
 import exact
+import numpy as np
 
 import albedo
 from albedo.brdf import Alias, Choice, Model, Real, Vectors
@@ -81,3 +82,30 @@ def extreme(kind: type[Model]) -> list[Model]:
 
 MODERATE = [model for kind in albedo.models().values() for model in moderate(kind)]
 EXTREME = [model for kind in albedo.models().values() for model in extreme(kind)]
+
+
+def anywhere(kind: type[Model], rng: np.random.Generator, count: int) -> list[Model]:
+    """Models whose numbers are drawn from all of their ranges, most of them by decades.
+
+    Some parameters are left at their defaults, and sets that do not go together are drawn again.
+    """
+    models: list[Model] = []
+    for _ in range(60 * count):
+        share = rng.choice([0.2, 0.4, 0.6, 0.9])
+        values: dict[str, Any] = {}
+        for parameter in kind.parameter_info():
+            if rng.random() > share:
+                continue
+            if isinstance(parameter, Choice):
+                values[parameter.name] = str(rng.choice(parameter.choices))
+            elif isinstance(parameter, Real):
+                low, high = max(parameter.low, -1e3), min(parameter.high, 10 ** rng.uniform(0, 6))
+                if low < 0.0 or rng.random() < 0.1:
+                    values[parameter.name] = float(rng.uniform(low, max(low, high)))
+                else:
+                    ends = np.log10([max(low, 1e-4), max(low, 1e-4, high)])
+                    values[parameter.name] = float(10.0 ** rng.uniform(*ends))
+        models += _built(kind, [values])
+        if len(models) == count:
+            break
+    return models

@@ -16,9 +16,10 @@ from pathlib import Path
 import exact
 import numpy as np
 import pytest
+from cases import anywhere
 
 import albedo
-from albedo.brdf import Model
+from albedo.brdf import Model, Real
 from albedo.charts.polar import PolarChart
 from albedo.charts.tail_rings import TailRingsChart
 from albedo.grammar import parse
@@ -222,6 +223,73 @@ def test_random_models_have_honest_bounds() -> None:
 def test_many_random_models_have_honest_bounds(seed: int) -> None:
     rtols = [10.0**-k for k in range(3, 13)]
     random_outcomes(seed, 500, rtols, [64, 90, 128, 180, 256, 400, 512, 700, 1024, 2048, 4096])
+
+
+def outcomes_anywhere(kind: type[Model], rng: np.random.Generator, count: int, rows: int) -> None:
+    """Models from all of their ranges at coarse tolerances, against a fine one's own bound."""
+    models = anywhere(kind, rng, count)
+    assert len(models) == count or not any(
+        isinstance(parameter, Real) for parameter in kind.parameter_info()
+    )
+    for model in models:
+        c = np.where(rng.random(rows) < 0.6, rng.uniform(0.005, 1.0, rows), 0.0)
+        c = np.where(c > 0.0, c, 10.0 ** rng.uniform(-7.0, 0.0, rows))
+        phi = rng.uniform(0.0, 2.0 * np.pi, rows)
+        best = albedo.directional_albedo(model, c, phi, rtol=1e-10)
+        for rtol in (1e-2, 1e-3, 1e-5, 1e-7):
+            found = albedo.directional_albedo(model, c, phi, rtol=rtol)
+            off = np.abs(found.value - best.value)
+            over = np.flatnonzero(off > found.error + best.error)
+            assert over.size == 0, (model.spec, rtol, c[over], phi[over], off[over])
+
+
+# Where bounds were too small, by up to 40 000 times: spikes and layers that few nodes did not see.
+ONCE_HIDDEN = [
+    ("ashikhmin_shirley:n_u=118.232,n_v=63724.2", 0.49230546, 4.98594047, 1e-6),
+    (
+        "ashikhmin_shirley:n_u=7.2146e-4,n_v=5.92675,r_s=0.35,r_d=0.12",
+        4.5287966e-4,
+        2.49026710,
+        1e-7,
+    ),
+    ("distribution_brdf:alpha_y=7.46515533,fresnel=conductor", 1.73479041e-3, 6.08027148, 1e-7),
+    ("he_torrance:sigma0=5e-4,mirror=off", 0.36524174, 0.0, 1e-7),
+    ("he_torrance:sigma0=1e-4,mirror=off", 0.44317285, 0.0, 1e-7),
+    ("max_phong_anisotropic:n_u=0.581168,n_v=506292.2", 0.99390192, 2.21810864, 1e-7),
+    ("stam_gaussian:sigma=13.61484,t_x=0.7367197,t_y=211.87788", 8.3725553e-5, 3.20618492, 1e-5),
+    ("stam_gaussian:sigma=0.8768473,t_x=0.0172898", 1.02166147e-6, 2.98156787, 1e-3),
+    ("stam_gaussian:sigma=39.63469,t_x=1.7,t_y=0.0169191", 1.9368e-4, 1.68491632, 1e-3),
+]
+
+
+@pytest.mark.parametrize(("spec", "c", "phi", "rtol"), ONCE_HIDDEN)
+def test_what_few_nodes_did_not_see_is_seen(spec: str, c: float, phi: float, rtol: float) -> None:
+    model = parse(spec).model()
+    # Next to the place too, where nodes fall otherwise.
+    c_near, phi_near = c * np.linspace(0.98, 1.02, 9), phi + np.linspace(-0.01, 0.01, 9)
+    c_near, phi_near = np.minimum(c_near, 1.0)[:, None], phi_near[None, :]
+    best = albedo.directional_albedo(model, c_near, phi_near, rtol=1e-10)
+    assert np.all(best.converged)
+    for coarse in (rtol, 10.0 * rtol, 0.1 * rtol):
+        found = albedo.directional_albedo(model, c_near, phi_near, rtol=coarse)
+        off = np.abs(found.value - best.value)
+        assert np.all(off <= found.error + best.error), np.max(off / found.error)
+
+
+# The maps of Granier and Heidrich's layers have seconds to be made, and tests of their own.
+@pytest.mark.filterwarnings("ignore::albedo.ConvergenceWarning")
+@pytest.mark.parametrize("name", sorted(albedo.models().keys() - {"granier_heidrich"}))
+def test_bounds_are_honest_all_over_the_ranges(name: str, rng: np.random.Generator) -> None:
+    outcomes_anywhere(albedo.models()[name], rng, 4, 40)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::albedo.ConvergenceWarning")
+@pytest.mark.parametrize("name", sorted(albedo.models().keys() - {"granier_heidrich"}))
+def test_bounds_are_honest_all_over_the_ranges_many_times(
+    name: str, rng: np.random.Generator
+) -> None:
+    outcomes_anywhere(albedo.models()[name], rng, 60, 100)
 
 
 def spoiled(p: int, seen_by_spectrum: bool) -> rules.Rule:

@@ -18,6 +18,10 @@ from albedo.geometry import one_less_v_dot_h, v_dot_h
 from albedo.microfacet import beckmann_hidden
 from albedo.special import exp
 
+# Shadowing sets in along the horizon below n.v as small as the surface's slope: from here on that
+# is a thin layer, which panels of its own see with fewer nodes.
+_FLAT = 0.5
+
 
 @kernel
 def lambert_w(x):
@@ -327,12 +331,14 @@ class HeTorrance(FresnelChoice):
     def parts(self) -> tuple[Part, ...]:
         parts = []
         if self.directional_diffuse == "on":
+            slope = 2.0 * self.sigma0 / self.tau
+            turn = slope if slope < _FLAT else 0.0
             optical = (2.0 * math.pi * self.sigma0 / self.wavelength) ** 2
             if optical > 1.0:
-                chart, width = PolarChart("slope", edge=2), 2.0 * self.sigma0 / self.tau
+                chart, width = PolarChart("slope", edge=2, turn=turn), slope
             else:
-                chart = PolarChart("mirror_hemisphere", edge=2)
                 width = self.wavelength / (2.0 * math.pi * self.tau)
+                chart = PolarChart("mirror_hemisphere", edge=2, turn=turn)
             parts.append(Part("directional_diffuse", fill, chart, (width, width)))
         if self.a_ud > 0.0:
             parts.append(Part("uniform_diffuse", fill_diffuse, CosineChart()))

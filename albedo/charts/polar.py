@@ -50,6 +50,8 @@ KINKS = {"none": 0, "max": 1, "v_cavity": 2}
 DECAYS = {"algebraic": 0, "gaussian": 1, "cosine_power": 2}
 # A heavy tail with a layer along all of the horizon: its core is no panel of its own.
 _LAYERED = 3
+# The same with a layer thinner than all else, for kinks: a core that nearly reaches it is none.
+_THIN = 3
 
 # Angular layers thinner than this weigh less than the rounding error.
 _LAYEREDNEST_LAYER = 1e-17
@@ -63,6 +65,8 @@ _REACH = 42.25
 _FOLDS, _HERE = 2.0, 0.07
 # Lobes of widths further apart than this are cut at such distances from where they are narrow.
 _APART = 16.0
+# The same for lobes that are wide along one axis beyond 45 degrees, and for that axis.
+_BEYOND = 4.0
 _EIGHTH = math.tan(0.125 * math.pi)
 
 
@@ -91,6 +95,9 @@ class PolarChart(CompiledChart):
     layer : {0, 1, 2}
         For heavy tails without kinks: the horizon has a layer at any azimuth, where n.v is this
         power of the lobe's width. 0: only where the tail alone reaches the horizon.
+    turn : float
+        For heavy tails without kinks: n.v at which the horizon has a layer at any azimuth, thinner
+        than all else. 0: none.
     """
 
     kind: str
@@ -100,6 +107,7 @@ class PolarChart(CompiledChart):
     origin: int = 1
     full: bool = False
     layer: int = 0
+    turn: float = 0.0
 
     def panels(
         self,
@@ -127,7 +135,7 @@ class PolarChart(CompiledChart):
 
         Returns
         -------
-        geometry : ndarray, shape (n, 14)
+        geometry : ndarray, shape (n, 15)
             What `nodes` needs of each row.
         row : ndarray of int, shape (m,)
             Row to which each panel belongs.
@@ -142,6 +150,8 @@ class PolarChart(CompiledChart):
         s = np.sqrt((1 - c) * (1 + c))
         # A Gaussian lobe that is wider than the hemisphere has its cut where it is.
         wx, wy = np.clip(widths, 1e-12, 100.0 if self.decay == "gaussian" else 1.0).T
+        # What is left of the ratio of widths after the stretch: along y over along x.
+        left_over = (widths[:, 1] / wy) / (widths[:, 0] / wx)
         # An isotropic lobe is laid out in the plane of incidence, whatever phi is.
         cp, sp = (np.ones_like(c), np.zeros_like(c)) if isotropic else (np.cos(phi), np.sin(phi))
         norm = np.hypot(sp / wx, cp / wy)
@@ -157,7 +167,8 @@ class PolarChart(CompiledChart):
                 *(-sp / wx / norm, cp / wy / norm, slant, np.clip(layer, _LAYEREDNEST_LAYER, 10.0)),
                 *(
                     self._grades_edge(c, np.minimum(wx, wy)),
-                    wy * wy if self.layer == 2 else np.zeros_like(c),
+                    wy * wy if self.layer == 2 else np.full_like(c, self.turn),
+                    left_over,
                 ),
             )
         )
@@ -182,7 +193,8 @@ class PolarChart(CompiledChart):
     @property
     def _structure(self) -> tuple[int, int, int, bool]:
         decay = _LAYERED if self.layer else DECAYS[self.decay]
-        return KINDS[self.kind], KINKS[self.kinks], decay, self.full
+        kinks = _THIN if self.turn else KINKS[self.kinks]
+        return KINDS[self.kind], kinks, decay, self.full
 
     @property
     def layout(self) -> tuple[Kernel, np.ndarray]:
@@ -272,7 +284,7 @@ def _breaks(c, big_t, width, kind, kinks, decay, full, b):
             b[j] = cut
             moved += 1 << j
     core = 2.0 * width
-    if decay == 0 and core < b[n]:
+    if decay == 0 and core < (0.5 if kinks == _THIN else 1.0) * b[n]:
         # The core of a heavy-tailed lobe is a panel of its own, the same for every psi.
         j = n
         while b[j] > core:
@@ -368,7 +380,7 @@ def _known_cuts(g, quadrant, steps, coarse, kind, kinks, edge, cuts, corner):
         cuts[k] = end * k / steps
     corners = 0
     # About R in slopes, the lobe itself shrinks from |T| = 1 on.
-    if s > c and not coarse and (kind == 5 or (kinks != 0 and quadrant % 2 == 0)):
+    if s > c and not coarse and (kind == 5 or (0 < kinks < _THIN and quadrant % 2 == 0)):
         tail = math.sqrt((s - c) * (s + c)) / c * slant
         along = wy * sa * cp - wx * ca * sp
         across = -wx * sa * sp - wy * ca * cp
@@ -388,27 +400,20 @@ def _known_cuts(g, quadrant, steps, coarse, kind, kinks, edge, cuts, corner):
 
 
 @kernel
-def _cut_at_axis(g, quadrant, cuts, m):
-    """Cut at distances in proportion from where an elliptic lobe is narrow; return their number.
-
-    Seen from a lobe of widths w < W a kink moves as the inverse square of its width, which has
-    poles at a distance of w/W from there.
-    """
-    ratio = min(g[6], g[7]) / max(g[6], g[7])
-    if ratio * _APART > 1.0:
-        return m
+def _cut_at_axis(g, quadrant, along_x, ratio, factor, cuts, m):
+    """Cut at distances in proportion, from `ratio` on, from the axis along x or y; return m."""
     turn = 1.0 if quadrant == 0 or quadrant == 3 else -1.0
-    axis = turn * math.atan2(g[9], g[8]) + (0.0 if g[6] < g[7] else 0.5 * math.pi)
+    axis = turn * math.atan2(g[9], g[8]) + (0.0 if along_x else 0.5 * math.pi)
     axis -= math.pi * math.floor(axis / math.pi)
     for center in (axis - math.pi, axis):
         for side in (-1.0, 1.0):
             away = ratio
-            while away < 0.5:
+            while away < 1.0:
                 d = center + side * away
                 if 0.0 < d < 0.5 * math.pi and m < cuts.size:
                     cuts[m] = math.asinh(d / g[11])
                     m += 1
-                away *= _APART
+                away *= factor
     _sort(cuts, m)
     return m
 
@@ -602,7 +607,15 @@ def _panels(geometry, quadrants, coarse, fine, kind, kinks, decay, full, edge, r
             if not coarse:
                 elliptic = kinks == 1 and decay != 0 and front and g[6] != g[7]
                 if elliptic or kind == 5:
-                    m = _cut_at_axis(g, quadrant, cuts, m)
+                    # Seen from a lobe of widths w < W a kink moves as the inverse square of its
+                    # width, which has poles at a distance of w/W from where it is w.
+                    ratio = min(g[6], g[7]) / max(g[6], g[7])
+                    if ratio * _APART < 1.0:
+                        m = _cut_at_axis(g, quadrant, g[6] < g[7], ratio, _APART, cuts, m)
+                if decay == 0 and g[14] != 1.0:
+                    # Beyond 45 degrees the lobe is narrow around the axis along which it is wide.
+                    ratio = min(g[14], 1.0 / g[14])
+                    m = _cut_at_axis(g, quadrant, g[14] < 1.0, ratio, _BEYOND, cuts, m)
                 m, corners = _cut_at_changes(
                     *(g, quadrant, probes, edge, kind, kinks, decay, full),
                     *(cuts, m, corner, corners, b),
@@ -625,7 +638,7 @@ def _panels(geometry, quadrants, coarse, fine, kind, kinks, decay, full, edge, r
                 inner, pattern, graded = 1, -1, False
                 size[0], span[0] = 1.0, 0.0
                 if not coarse:
-                    layered = g[12] > 0.0 and front
+                    layered = (g[12] > 0.0 and front) or kinks == _THIN
                     inner, pattern, graded = _measure(
                         *(g, quadrant, u0, u1, samples, layered, kind, kinks, decay, full),
                         *(b, size, span),
