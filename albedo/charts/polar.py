@@ -151,7 +151,8 @@ class PolarChart(CompiledChart):
         # A Gaussian lobe that is wider than the hemisphere has its cut where it is.
         wx, wy = np.clip(widths, 1e-12, 100.0 if self.decay == "gaussian" else 1.0).T
         # What is left of the ratio of widths after the stretch: along y over along x.
-        left_over = (widths[:, 1] / wy) / (widths[:, 0] / wx)
+        over = np.maximum(widths, 1e-12)
+        left_over = (over[:, 1] / wy) / (over[:, 0] / wx)
         # An isotropic lobe is laid out in the plane of incidence, whatever phi is.
         cp, sp = (np.ones_like(c), np.zeros_like(c)) if isotropic else (np.cos(phi), np.sin(phi))
         norm = np.hypot(sp / wx, cp / wy)
@@ -267,6 +268,8 @@ def _breaks(c, big_t, width, kind, kinks, decay, full, b):
     r = math.inf
     if decay == 1:
         r = math.sqrt(reach) * width
+        # Where an elliptic lobe is as wide as 1, the radial stretch has a kink.
+        place += 64 if width > 1.0 else 0
     elif kind == 5:
         # Where the power is cut, or ends: sin(angle(R, V)/2) is sin(delta) sqrt(c^2 + s^2 cos^2).
         q = math.sqrt(-0.5 * math.expm1(-2.0 * reach * width * width))
@@ -302,11 +305,7 @@ def _scale(c, big_t, width, kind, decay):
     if kind == 5:
         t = width / (c * math.sqrt(1.0 + big_t * big_t))
         return t / math.sqrt(1.0 + t * t)
-    if decay == 0 or decay == _LAYERED:
-        return 0.5 * min(width, 1.0)
-    # As good as the lesser of the width and 1, but smooth where an elliptic lobe is as wide as 1.
-    square = width * width
-    return width / math.sqrt(math.sqrt(1.0 + square * square))
+    return min(width, 1.0) * (0.5 if decay == 0 or decay == _LAYERED else 1.0)
 
 
 @kernel
@@ -433,7 +432,7 @@ def _fall(g, quadrant, u, kind, reach):
 
 @kernel
 def _cut_unseen(g, quadrant, kind, reach, cuts, m):
-    """Cut until few nodes see what lies beyond the kink n.v = n.l; return the number of cuts.
+    """Cut until few nodes see what lies beyond the kink n.v = n.l; return m.
 
     An elliptic lobe may be narrow at one end of a panel only, and the kink then cross most of it
     within a small part of the panel, and stay about where little is left in all the others.
@@ -519,7 +518,7 @@ def _join_slivers(cuts, m, corner, corners, least):
 
 @kernel
 def _cut_opening(end, cuts, m):
-    """Cut the panels that open where the core meets the kink; return their number.
+    """Cut the panels that open where the core meets the kink, or beyond |T| = 1; return m.
 
     They are smooth only on the scale of the distance from psi = +-pi/2 to there.
     """
@@ -541,11 +540,48 @@ def _cut_between_corners(cuts, m, corner, corners):
     """Halve what has a corner at both ends: a panel is graded towards one end only."""
     known = m
     for k in range(known - 1):
-        if _among(cuts[k], corner, corners) and _among(cuts[k + 1], corner, corners):
+        ends = _among(cuts[k], corner, corners) and _among(cuts[k + 1], corner, corners)
+        if ends and m < cuts.size:
             cuts[m] = 0.5 * (cuts[k] + cuts[k + 1])
             m += 1
     _sort(cuts, m)
     return m
+
+
+@kernel
+def _outer_cuts(
+    g, quadrant, steps, coarse, probes, kind, kinks, decay, full, edge, cuts, corner, b
+):
+    """Fill cuts and corner with the ends of the outer panels; return how many there are."""
+    m, corners = _known_cuts(g, quadrant, steps, coarse, kind, kinks, edge, cuts, corner)
+    if coarse:
+        return m, corners
+    front = quadrant % 2 == 0
+    elliptic = kinks == 1 and decay != 0 and front and g[6] != g[7]
+    if elliptic or kind == 5:
+        # Seen from a lobe of widths w < W a kink moves as the inverse square of its width, which
+        # has poles at a distance of w/W from where it is w.
+        ratio = min(g[6], g[7]) / max(g[6], g[7])
+        if ratio * _APART < 1.0:
+            m = _cut_at_axis(g, quadrant, g[6] < g[7], ratio, _APART, cuts, m)
+    if decay == 0 and g[14] != 1.0:
+        # Beyond 45 degrees the lobe is narrow around the axis along which it is wide.
+        ratio = min(g[14], 1.0 / g[14])
+        m = _cut_at_axis(g, quadrant, g[14] < 1.0, ratio, _BEYOND, cuts, m)
+    structure = kind, kinks, decay, full
+    m, corners = _cut_at_changes(g, quadrant, probes, edge, *structure, cuts, m, corner, corners, b)
+    if elliptic:
+        known = m
+        m = _cut_unseen(g, quadrant, kind, 676.0 if full else _REACH, cuts, m)
+        if m > known:
+            # Smaller panels are probed more finely.
+            m, corners = _cut_at_changes(
+                g, quadrant, probes, edge, *structure, cuts, m, corner, corners, b
+            )
+    m, corners = _join_slivers(cuts, m, corner, corners, 1e-12 * cuts[m - 1])
+    if (kinks == 1 and decay == 0 and front) or kind == 5:
+        m = _cut_opening(cuts[m - 1], cuts, m)
+    return _cut_between_corners(cuts, m, corner, corners), corners
 
 
 @kernel
@@ -603,36 +639,10 @@ def _panels(geometry, quadrants, coarse, fine, kind, kinks, decay, full, edge, r
         steps = 1 if coarse else max(1, math.ceil(end / 5.0))
         for quadrant in range(quadrants):
             front = quadrant % 2 == 0
-            m, corners = _known_cuts(g, quadrant, steps, coarse, kind, kinks, edge, cuts, corner)
-            if not coarse:
-                elliptic = kinks == 1 and decay != 0 and front and g[6] != g[7]
-                if elliptic or kind == 5:
-                    # Seen from a lobe of widths w < W a kink moves as the inverse square of its
-                    # width, which has poles at a distance of w/W from where it is w.
-                    ratio = min(g[6], g[7]) / max(g[6], g[7])
-                    if ratio * _APART < 1.0:
-                        m = _cut_at_axis(g, quadrant, g[6] < g[7], ratio, _APART, cuts, m)
-                if decay == 0 and g[14] != 1.0:
-                    # Beyond 45 degrees the lobe is narrow around the axis along which it is wide.
-                    ratio = min(g[14], 1.0 / g[14])
-                    m = _cut_at_axis(g, quadrant, g[14] < 1.0, ratio, _BEYOND, cuts, m)
-                m, corners = _cut_at_changes(
-                    *(g, quadrant, probes, edge, kind, kinks, decay, full),
-                    *(cuts, m, corner, corners, b),
-                )
-                if elliptic:
-                    known = m
-                    m = _cut_unseen(g, quadrant, kind, 676.0 if full else _REACH, cuts, m)
-                    if m > known:
-                        # Smaller panels are probed more finely.
-                        m, corners = _cut_at_changes(
-                            *(g, quadrant, probes, edge, kind, kinks, decay, full),
-                            *(cuts, m, corner, corners, b),
-                        )
-                m, corners = _join_slivers(cuts, m, corner, corners, 1e-12 * end)
-                if (kinks == 1 and decay == 0 and front) or kind == 5:
-                    m = _cut_opening(end, cuts, m)
-                m = _cut_between_corners(cuts, m, corner, corners)
+            m, corners = _outer_cuts(
+                *(g, quadrant, steps, coarse, probes, kind, kinks, decay, full, edge),
+                *(cuts, corner, b),
+            )
             for k in range(m - 1):
                 u0, u1 = cuts[k], cuts[k + 1]
                 inner, pattern, graded = 1, -1, False

@@ -565,6 +565,11 @@ class Ladder:
             Incidences; below `LOWEST` as there.
         part : int, optional
             Of the light that one part of the model sends on; of all by default.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            0 where there is no divisor.
         """
         if steps == 0:
             return np.zeros(cos_theta.shape)
