@@ -812,8 +812,8 @@ def _directions(g, cos_psi, sin_psi, kind, full, sines, cosines, jacs, k, first,
         sin_2 = 2.0 * sin_delta * cos_delta
         two_sin2 = 2.0 * sin_delta * sin_delta
         n_dot_v = c * (1.0 - two_sin2) + t * sin_2
+        l_dot_h = c * cos_delta + t * sin_delta
         if slopes:
-            l_dot_h = c * cos_delta + t * sin_delta
             along = 2.0 * l_dot_h * sin_delta * cos_psi
             across = 2.0 * l_dot_h * sin_delta * sin_psi
             jac = jacs[i] * 4.0 * l_dot_h * sin_delta
@@ -834,5 +834,6 @@ def _directions(g, cos_psi, sin_psi, kind, full, sines, cosines, jacs, k, first,
         wo[2, k, j] = n_dot_v
         h[0, k, j] = along * cos_phi - across * sin_phi
         h[1, k, j] = along * sin_phi + across * cos_phi
-        h[2, k, j] = c + n_dot_v
+        # Beyond the horizon the sum cancels; there only slopes go.
+        h[2, k, j] = 2.0 * l_dot_h * cos_delta if full else c + n_dot_v
         weight[k, j] = jac
