@@ -225,8 +225,11 @@ def test_many_random_models_have_honest_bounds(seed: int) -> None:
     random_outcomes(seed, 500, rtols, [64, 90, 128, 180, 256, 400, 512, 700, 1024, 2048, 4096])
 
 
-def outcomes_anywhere(kind: type[Model], rng: np.random.Generator, count: int, rows: int) -> None:
-    """Models from all of their ranges at coarse tolerances, against a fine one's own bound."""
+def excesses_anywhere(
+    kind: type[Model], rng: np.random.Generator, count: int, rows: int
+) -> list[tuple[float, str]]:
+    """Errors above bounds, in bounds: all over the ranges, against a fine tolerance."""
+    excesses: list[tuple[float, str]] = []
     models = anywhere(kind, rng, count)
     assert len(models) == count or not any(
         isinstance(parameter, Real) for parameter in kind.parameter_info()
@@ -238,9 +241,15 @@ def outcomes_anywhere(kind: type[Model], rng: np.random.Generator, count: int, r
         best = albedo.directional_albedo(model, c, phi, rtol=1e-10)
         for rtol in (1e-2, 1e-3, 1e-5, 1e-7):
             found = albedo.directional_albedo(model, c, phi, rtol=rtol)
-            off = np.abs(found.value - best.value)
-            over = np.flatnonzero(off > found.error + best.error)
-            assert over.size == 0, (model.spec, rtol, c[over], phi[over], off[over])
+            off, bound = np.abs(found.value - best.value), found.error + best.error
+            excesses += [
+                (
+                    float(off[k] / bound[k]),
+                    f"{model.spec} rtol={rtol:g} cos={c[k]!r} phi={phi[k]!r}",
+                )
+                for k in np.flatnonzero(off > bound)
+            ]
+    return excesses
 
 
 # Where bounds were too small, by up to 40 000 times: spikes and layers that few nodes did not see.
@@ -280,7 +289,7 @@ def test_what_few_nodes_did_not_see_is_seen(spec: str, c: float, phi: float, rto
 @pytest.mark.filterwarnings("ignore::albedo.ConvergenceWarning")
 @pytest.mark.parametrize("name", sorted(albedo.models().keys() - {"granier_heidrich"}))
 def test_bounds_are_honest_all_over_the_ranges(name: str, rng: np.random.Generator) -> None:
-    outcomes_anywhere(albedo.models()[name], rng, 4, 40)
+    assert excesses_anywhere(albedo.models()[name], rng, 4, 40) == []
 
 
 @pytest.mark.slow
@@ -289,7 +298,11 @@ def test_bounds_are_honest_all_over_the_ranges(name: str, rng: np.random.Generat
 def test_bounds_are_honest_all_over_the_ranges_many_times(
     name: str, rng: np.random.Generator
 ) -> None:
-    outcomes_anywhere(albedo.models()[name], rng, 20, 60)
+    # 1 of 10 000 spectra passes its bound, and here are 4800 albedos of each: what was hidden from
+    # all nodes shows by more, or more often.
+    excesses = excesses_anywhere(albedo.models()[name], rng, 20, 60)
+    assert len(excesses) <= 1, excesses
+    assert all(share < 2.0 for share, _ in excesses), excesses
 
 
 def spoiled(p: int, seen_by_spectrum: bool) -> rules.Rule:
