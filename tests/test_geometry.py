@@ -531,8 +531,8 @@ def test_elliptic_lobes_are_not_hidden_between_kinks_and_nodes(
     """
     full, tolerances = kind == "full", (1e-8, 1e-6, 1e-4)
     count = 400 if full else 2500
-    c = np.where(rng.random(count) < 0.6, rng.uniform(0.01, 1.0, count), 0.5)
-    c = np.where(c == 0.5, 10.0 ** rng.uniform(-4.0, 0.0, count), c)
+    broad, grazing = rng.uniform(0.01, 1.0, count), 10.0 ** rng.uniform(-4.0, 0.0, count)
+    c = np.where(rng.random(count) < 0.6, broad, grazing)
     phi = rng.uniform(0.0, 2.0 * math.pi, count)
     wide = 10.0 ** rng.uniform(-3.0 if full else -2.0, -0.5, count)
     pair = np.stack((wide, wide * ratio ** -rng.random(count)), axis=1)
@@ -549,9 +549,8 @@ def test_elliptic_lobes_are_not_hidden_between_kinks_and_nodes(
         off = np.abs(found.value - smooth.value)
         # Both may err, and an azimuth is only as good as the ratio of the widths lets it be.
         slack = 1e-13 * found.value * width.max(1) / width.min(1)
-        assert np.all(off <= found.error + smooth.error + slack), np.flatnonzero(
-            off > found.error + smooth.error + slack
-        )
+        over = np.flatnonzero(off > found.error + smooth.error + slack)
+        assert over.size == 0, (rtol, c[over], phi[over], width[over])
 
 
 @given(decades(1e-3, 1e9), cosines)
