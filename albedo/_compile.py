@@ -134,7 +134,7 @@ def stand_in(name: str) -> Callable[[Callable[..., Any]], Any]:
 
     def declare(function: Callable[..., Any]) -> Any:
         _STAND_INS[function] = name
-        return inlined(function)
+        return _compiled(function, "", forceinline=True, fastmath={"contract"})
 
     return declare
 

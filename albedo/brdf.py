@@ -248,6 +248,9 @@ class Part:
         time. It is never compiled; values in other arithmetic are computed by it.
     shared : bool
         All cores work on its albedos: its values cost more than what threads do.
+    rings : RingsChart, optional
+        Rings of constant n.v for a lobe of the same widths, where those that suit `chart` do not
+        suit the lobe as well.
     """
 
     name: str
@@ -264,6 +267,7 @@ class Part:
     routine: Routine | tuple[Routine, ...] | None = None
     formula: Kernel | None = None
     shared: bool = False
+    rings: Any = None
 
     def packed(self, rows: np.ndarray) -> np.ndarray:
         """What the kernels of this part see of packed parameters (rows, k)."""

@@ -12,10 +12,10 @@ import pytest
 import albedo
 from albedo._compile import kernel
 from albedo.brdf import Model
+from albedo.catalogue._orders import poisson_series
 from albedo.catalogue.he_torrance import (
     lambert_w,
     mirror_share,
-    poisson_series,
     roughness2,
     roughness_slope,
     shadowed,

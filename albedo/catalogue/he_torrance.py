@@ -8,15 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from albedo._compile import inlined, kernel
+from albedo._compile import kernel
 from albedo.brdf import Choice, Part, Real
 from albedo.catalogue._fresnel import SOURCES_OF_FACTORS, FresnelChoice
+from albedo.catalogue._orders import SIDE, fill_series
 from albedo.charts.cosine import CosineChart
 from albedo.charts.polar import PolarChart
+from albedo.charts.rings import RingsChart
 from albedo.fresnel import fresnel, is_careful
 from albedo.geometry import one_less_v_dot_h, v_dot_h
 from albedo.microfacet import beckmann_hidden
-from albedo.special import exp
 
 # Shadowing sets in along the horizon below n.v as small as the surface's slope: from here on that
 # is a thin layer, which panels of its own see with fewer nodes.
@@ -91,177 +92,51 @@ def roughness2(k_sum):
 
 
 @kernel
-def log_weight(g, m):
-    """ln of g^m e^-g/m!, for m > 30 (Loader 2000)."""
-    d = (m - g) / (m + g)
-    if abs(d) < 0.1:
-        # m log(m/g) + g - m without cancellation: 2 m sum_k d^(2k+1)/(2k+1) - (m - g).
-        deviance = (m - g) * d
-        power = 2.0 * m * d
-        for k in range(1, 12):
-            power *= d * d
-            deviance += power / (2 * k + 1)
-    else:
-        deviance = m * math.log(m / g) + g - m
-    m2 = m * m
-    stirling = (1.0 / 12.0 - (1.0 / 360.0 - (1.0 / 1260.0 - 1.0 / (1680.0 * m2)) / m2) / m2) / m
-    return -deviance - stirling
-
-
-@inlined
-def _eight_terms(first, way, c, root, rest, heights, over):
-    """Fill the roots of exp(-c/m) root^2 rest^2, and them over m, for eight m up or down."""
-    for j in range(heights.size):
-        m = max(first + way * j, 1.0)
-        height = root * exp(-0.5 * c / m) * rest
-        heights[j] = height
-        over[j] = height / m
-
-
-@inlined
-def _eight_weights(weight, ratios, heights, over):
-    """Make weights of their ratios, the first to a given one; the sum of the terms, and the last.
-
-    Terms are summed in pairs: nothing waits long for what comes before.
-    """
-    w_0 = weight * ratios[0]
-    w_1 = w_0 * ratios[1]
-    w_2 = w_1 * ratios[2]
-    w_3 = w_2 * ratios[3]
-    w_4 = w_3 * ratios[4]
-    w_5 = w_4 * ratios[5]
-    w_6 = w_5 * ratios[6]
-    w_7 = w_6 * ratios[7]
-    t_01 = w_0 * heights[0] * over[0] + w_1 * heights[1] * over[1]
-    t_23 = w_2 * heights[2] * over[2] + w_3 * heights[3] * over[3]
-    t_45 = w_4 * heights[4] * over[4] + w_5 * heights[5] * over[5]
-    before, last = w_6 * heights[6] * over[6], w_7 * heights[7] * over[7]
-    return (t_01 + t_23) + (t_45 + (before + last)), before, last, w_7
-
-
-@kernel
-def _huge_terms(weight, ratios, heights, over):
-    """The sum of terms up to the first that is about to leave the range of numbers."""
-    total = 0.0
-    for j in range(heights.size):
-        weight *= ratios[j]
-        total += weight * heights[j] * over[j]
-        if weight <= 1e-300 or heights[j] > 1e200:
-            break
-    return total
-
-
-@kernel
-def poisson_series(g, c, root, rest, room):
-    """(root rest)^2 times the sum over m >= 1 of g^(m-1) e^-g/(m! m) exp(-c/m), root-wise.
-
-    That is the series of He et al. 1991, eq. 78, over g, and what it is multiplied by: the series
-    alone may be below the range of numbers. Up to g = 40 it starts with m = 1, up to 100 with the
-    largest term, before which e^-g is below what float32 has. Above, the sum is a trapezoid rule
-    of a smooth function, so a wider step around the largest term gives the same number.
-
-    The room is three arrays of eight numbers: the terms come eight at a time, side by side.
-    """
-    ratios, heights, over = room
-    if g <= 40.0:
-        weight, total, first = math.exp(-g), 0.0, 1.0
-        while True:
-            _eight_terms(first, 1.0, c, root, rest, heights, over)
-            for j in range(heights.size):
-                ratios[j] = g / (first + j)
-            if first == 1.0:
-                ratios[0] = 1.0
-            # They rise with m.
-            if heights[7] > 1e200:
-                return total + _huge_terms(weight, ratios, heights, over)
-            some, before, last, weight = _eight_weights(weight, ratios, heights, over)
-            total += some
-            # The first terms of a far tail underflow: only a falling term ends the sum.
-            if (total > 0.0 and last <= before and last <= 1e-17 * total) or weight <= 1e-300:
-                return total
-            first += 8.0
-    # The largest term: m log(m/g) = c/m.
-    m0 = g + c / g
-    for _ in range(6):
-        m0 -= (m0 * math.log(m0 / g) - c / m0) / (math.log(m0 / g) + 1.0 + c / (m0 * m0))
-    if g <= 100.0:
-        # Its floor, without an integer on the way.
-        m0 -= m0 % 1.0
-        largest = math.exp(log_weight(g, m0)) / (g * math.sqrt(2.0 * math.pi * m0))
-        total = 0.0
-        for side in range(2):
-            way = 1.0 - 2.0 * side
-            weight, first = largest, m0 - side
-            while first >= 1.0:
-                _eight_terms(first, way, c, root, rest, heights, over)
-                for j in range(heights.size):
-                    m = first + way * j
-                    ratios[j] = g / m if side == 0 else (m + 1.0) / g
-                    # Down to the first term, and no further.
-                    if m < 1.0:
-                        ratios[j] = 0.0
-                if first == m0:
-                    ratios[0] = 1.0
-                some, _, last, weight = _eight_weights(weight, ratios, heights, over)
-                total += some
-                if last <= 1e-17 * total:
-                    break
-                first += 8.0 * way
-        return total
-    step = 0.55 / math.sqrt(1.0 / m0 + 2.0 * c / (m0 * m0 * m0))
-    # A step that m0 can be added to exactly: nodes that are rounded cost sqrt(g) ulps.
-    step = (m0 + step) - m0
-    total = 0.0
-    for j in range(-17, 20):
-        m = m0 + j * step
-        if m < 1.0:
-            continue
-        height = root * math.exp(0.5 * (log_weight(g, m) - c / m)) * rest
-        total += height * (height * (step / g / (m * math.sqrt(2.0 * math.pi * m))))
-    return total
-
-
-@kernel
 def fill(wi, wo, h, p, out):
     """f_dd = F(v.h) G S D / (pi n.l n.v), G = (2 v.h / n.h)^2."""
+    count = out.shape[1]
     # What knows no more of V than its height.
-    shadow, roughness = np.empty(out.shape[1], out.dtype), np.empty(out.shape[1], out.dtype)
-    room = np.empty(8, out.dtype), np.empty(8, out.dtype), np.empty(8, out.dtype)
+    rest, roughness = np.empty(count, out.dtype), np.empty(count, out.dtype)
+    g, c, root = np.empty(count, out.dtype), np.empty(count, out.dtype), np.empty(count, out.dtype)
+    side, room = np.empty((5, SIDE), out.dtype), np.empty((3, 8), out.dtype)
     for j in range(out.shape[0]):
         lx, ly, lz = wi[0, j], wi[1, j], wi[2, j]
         ratio, k2s2, k2t2, scale = p[j, 0], p[j, 1], p[j, 2], p[j, 3]
         f_code, f_a, f_b, f_c = int(p[j, 5]), p[j, 6], p[j, 7], p[j, 8]
-        careful = is_careful(f_code, f_a)
         sin_l = math.hypot(wi[0, j], wi[1, j])
-        s_l = shadowed(ratio, lz, sin_l)
         k_l = roughness_slope(ratio, lz, sin_l)
+        root_l = math.sqrt(shadowed(ratio, lz, sin_l)) if lz > 0.0 else 0.0
         # Nodes that go around rings have heights that come again after so many.
         period = 0
-        for i in range(out.shape[1]):
+        for i in range(count):
             vz = wo[2, j, i]
-            if min(lz, vz) <= 0.0:
-                out[j, i] = 0.0
-                continue
-            hx, hy, hz = h[0, j, i], h[1, j, i], h[2, j, i]
             if period == 0 and i > 0 and vz == wo[2, j, 0]:
                 period = i
-            if period > 0 and vz == wo[2, j, i - period]:
-                s_v, rough = shadow[i - period], roughness[i - period]
+            if min(lz, vz) <= 0.0:
+                rest[i] = roughness[i] = 0.0
+            elif period > 0 and vz == wo[2, j, i - period]:
+                rest[i], roughness[i] = rest[i - period], roughness[i - period]
             else:
                 sin_v = math.hypot(wo[0, j, i], wo[1, j, i])
-                s_v = shadowed(ratio, vz, sin_v)
                 rough = k2s2 * roughness2(k_l + roughness_slope(ratio, vz, sin_v))
-            shadow[i], roughness[i] = s_v, rough
-            u = v_dot_h(hx, hy, hz)
+                rest[i] = math.sqrt(shadowed(ratio, vz, sin_v)) * math.sqrt(rough * scale / math.pi)
+                roughness[i] = rough
+        for i in range(count):
+            hx, hy, hz = h[0, j, i], h[1, j, i], h[2, j, i]
             # G D has the series over h_z^2, and h_z^2 in its g.
-            less = (
-                one_less_v_dot_h(lx, ly, lz, wo[0, j, i], wo[1, j, i], vz, u) if careful else -1.0
-            )
-            factor = fresnel(f_code, f_a, f_b, f_c, u, less) * scale * rough / math.pi
-            out[j, i] = poisson_series(
-                *(rough * hz * hz, 0.25 * k2t2 * (hx * hx + hy * hy)),
-                *(4.0 * u * u * math.sqrt(max(factor, 0.0)) * math.sqrt(s_l), math.sqrt(s_v), room),
-            )
+            across, up = hx * hx + hy * hy, hz * hz
+            g[i], c[i] = roughness[i] * up, 0.25 * k2t2 * across
+            # Twice v.h is |h|.
+            root[i] = (across + up) * root_l
+        if f_code != 0:
+            careful = is_careful(f_code, f_a)
+            for i in range(count):
+                u, less = v_dot_h(h[0, j, i], h[1, j, i], h[2, j, i]), -1.0
+                if careful:
+                    vx, vy, vz = wo[0, j, i], wo[1, j, i], wo[2, j, i]
+                    less = one_less_v_dot_h(lx, ly, lz, vx, vy, vz, u)
+                root[i] *= math.sqrt(max(fresnel(f_code, f_a, f_b, f_c, u, less), 0.0))
+        fill_series(g, c, root, rest, side, room, out[j])
 
 
 @kernel
@@ -333,13 +208,13 @@ class HeTorrance(FresnelChoice):
         if self.directional_diffuse == "on":
             slope = 2.0 * self.sigma0 / self.tau
             turn = slope if slope < _FLAT else 0.0
-            optical = (2.0 * math.pi * self.sigma0 / self.wavelength) ** 2
-            if optical > 1.0:
-                chart, width = PolarChart("slope", edge=2, turn=turn), slope
-            else:
-                width = self.wavelength / (2.0 * math.pi * self.tau)
-                chart = PolarChart("mirror_hemisphere", edge=2, turn=turn)
-            parts.append(Part("directional_diffuse", fill, chart, (width, width)))
+            # Of the facets, or of one wave.
+            waves = self.wavelength / (2.0 * math.pi * self.tau)
+            width = max(slope, waves)
+            chart = PolarChart("slope", edge=2, turn=turn)
+            rings = RingsChart("projected", waves=waves)
+            widths = width, width
+            parts.append(Part("directional_diffuse", fill, chart, widths, rings=rings))
         if self.a_ud > 0.0:
             parts.append(Part("uniform_diffuse", fill_diffuse, CosineChart()))
         return tuple(parts)

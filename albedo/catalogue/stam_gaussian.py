@@ -11,8 +11,9 @@ import numpy as np
 from albedo._compile import kernel
 from albedo.brdf import Choice, Part, Real
 from albedo.catalogue._fresnel import SOURCES_OF_FACTORS, FresnelChoice
-from albedo.catalogue.he_torrance import poisson_series
+from albedo.catalogue._orders import SIDE, fill_series
 from albedo.charts.polar import PolarChart
+from albedo.charts.rings import RingsChart
 from albedo.fresnel import fresnel, is_careful
 from albedo.geometry import one_less_v_dot_h, v_dot_h
 
@@ -24,16 +25,19 @@ def fill(wi, wo, h, p, out):
     S_p = pi t_x t_y sum of e^-g g^m/(m! m) exp(-k^2 (u^2 t_x^2 + v^2 t_y^2)/(4 m)), where
     g = (k w sigma)^2 and (u, v) is the tangential part of l + v.
     """
-    room = np.empty(8, out.dtype), np.empty(8, out.dtype), np.empty(8, out.dtype)
+    count = out.shape[1]
+    g, c = np.empty(count, out.dtype), np.empty(count, out.dtype)
+    root, rest = np.empty(count, out.dtype), np.empty(count, out.dtype)
+    side, room = np.empty((5, SIDE), out.dtype), np.empty((3, 8), out.dtype)
     for j in range(out.shape[0]):
         lx, ly, lz = wi[0, j], wi[1, j], wi[2, j]
         k2s2, x2, y2, scale = p[j, 0], p[j, 1], p[j, 2], p[j, 3]
         f_code, f_a, f_b, f_c = int(p[j, 4]), p[j, 5], p[j, 6], p[j, 7]
         careful = is_careful(f_code, f_a)
-        for i in range(out.shape[1]):
+        for i in range(count):
             vz = wo[2, j, i]
             if min(lz, vz) <= 0.0:
-                out[j, i] = 0.0
+                g[i] = c[i] = root[i] = rest[i] = 0.0
                 continue
             hx, hy, w = h[0, j, i], h[1, j, i], h[2, j, i]
             u = v_dot_h(hx, hy, w)
@@ -42,10 +46,10 @@ def fill(wi, wo, h, p, out):
             )
             factor = scale * k2s2 * max(fresnel(f_code, f_a, f_b, f_c, u, less), 0.0)
             # S_p/w^2 has the series over g, and w^2 in its g.
-            out[j, i] = poisson_series(
-                *(k2s2 * w * w, 0.25 * (x2 * hx * hx + y2 * hy * hy)),
-                *(2.0 * u * u * math.sqrt(factor) / math.sqrt(lz), 1.0 / math.sqrt(vz), room),
-            )
+            g[i], c[i] = k2s2 * w * w, 0.25 * (x2 * hx * hx + y2 * hy * hy)
+            root[i] = 2.0 * u * u * math.sqrt(factor) / math.sqrt(lz)
+            rest[i] = 1.0 / math.sqrt(vz)
+        fill_series(g, c, root, rest, side, room, out[j])
 
 
 @kernel
@@ -100,16 +104,13 @@ class StamGaussian(FresnelChoice):
 
     def parts(self) -> tuple[Part, ...]:
         lengths = (self.t_x, self.t_y)
-        if 2.0 * math.pi * self.sigma > self.wavelength or not self.isotropic:
-            # Slopes of the facets where the surface is optically rough, else those of one wave.
-            height = max(2.0 * self.sigma, self.wavelength / (2.0 * math.pi))
-            chart = PolarChart("slope", edge=2)
-            widths = (height / lengths[0], height / lengths[1])
-        else:
-            chart = PolarChart("mirror_hemisphere", edge=2)
-            width = self.wavelength / (2.0 * math.pi * self.t_x)
-            widths = (width, width)
-        return (Part("diffracted", fill, chart, widths),)
+        # Slopes of the facets, or of one wave.
+        height = max(2.0 * self.sigma, self.wavelength / (2.0 * math.pi))
+        widths = height / lengths[0], height / lengths[1]
+        waves = self.wavelength / (2.0 * math.pi * min(lengths))
+        rings = RingsChart("projected", waves=waves) if self.isotropic else None
+        chart = PolarChart("slope", edge=2)
+        return (Part("diffracted", fill, chart, widths, rings=rings),)
 
     def spikes(self, wi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         if self.mirror == "off":

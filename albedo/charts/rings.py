@@ -37,7 +37,7 @@ import numpy as np
 from albedo._compile import inlined, kernel
 from albedo.charts._compiled import CompiledChart, Kernel, clustered
 
-KINDS = {"slope": 0, "mirror": 1, "axis": 1, "mirror_hemisphere": 2, "broad": 3}
+KINDS = {"slope": 0, "mirror": 1, "axis": 1, "mirror_hemisphere": 2, "broad": 3, "projected": 4}
 KINKS = {"none": 0, "max": 1, "v_cavity": 2}
 DECAYS = {"algebraic": 0, "gaussian": 1, "cosine_power": 2}
 # A lobe is cut at 4.5e-19 of its peak, which it reaches at so many squares of its width.
@@ -47,6 +47,8 @@ _FOLDS = 4.0
 _THINNEST = 1e-18
 # Lobes that end within so many widths fall like Gaussians, whose core is so many wide.
 _ENDS, _CORE = 30.0, 2.0
+# A sum of Gaussians has nodes as for the square of a width that is so many times that of the first.
+_MIXED = 2.0
 # R, of whose distance from V kernels lose nothing: they have it from H.
 MIRROR = (-1.0, 1.0)
 
@@ -57,10 +59,11 @@ class RingsChart(CompiledChart):
 
     Parameters
     ----------
-    kind : {"slope", "mirror", "axis", "mirror_hemisphere", "broad"}
+    kind : {"slope", "mirror", "axis", "mirror_hemisphere", "broad", "projected"}
         What the lobe is a function of: the slope of H; the angle to an axis below 90 degrees,
         widths being those in half of it (``mirror``) or in all of it (``axis``, without layers
-        along the horizon); the angle to R at all; or neither.
+        along the horizon); the angle to R at all; neither; or how far V is from R along the
+        surface, for waves, of which a slope is a part that falls with n.l + n.v.
     kinks : {"none", "max", "v_cavity"}
         Curves at which the integrand has a kink, beside those of `levels`.
     decay : {"algebraic", "gaussian", "cosine_power"}
@@ -74,6 +77,9 @@ class RingsChart(CompiledChart):
     levels : callable, optional
         Further values of n.v at which the integrand has kinks, for values of n.l: (n,) to (n, k),
         NaN where there are fewer. Compared by identity.
+    waves : float
+        Half of how far V is from R along the surface where waves let the lobe fall
+        (``projected``).
     """
 
     kind: str
@@ -83,6 +89,7 @@ class RingsChart(CompiledChart):
     thin: bool = False
     axis: tuple[float, float] = MIRROR
     levels: Callable[[np.ndarray], np.ndarray] | None = None
+    waves: float = 0.0
 
     def panels(
         self,
@@ -115,6 +122,7 @@ class RingsChart(CompiledChart):
                 *(c, s, np.cos(phi), np.sin(phi), high, flat, width),
                 *(np.maximum(layer, _THINNEST), np.arctan2(c, s), np.sin(flat)),
                 *(np.maximum(scale, _THINNEST), np.full_like(c, math.copysign(1.0, -sideways))),
+                np.full_like(c, self.waves),
             )
         )
         levels = np.empty((c.size, 0)) if self.levels is None else self.levels(c)
@@ -192,6 +200,11 @@ def _ring(g, kind, kinks, decay, cut, e_v, below):
     if kind == 0:
         cosine = math.cos(0.5 * below)
         a, b = (half / cosine) ** 2, 4.0 * g[1] * s_v / (n_l + n_v) ** 2
+    elif kind == 4:
+        # A quarter of the squares of n.l + n.v times the slope of H, and of what waves do.
+        high = g[6] * 0.5 * (n_l + n_v)
+        w2 = high * high + g[12] * g[12]
+        a, b = (half * math.sin(0.5 * (g[4] + e_v))) ** 2, g[9] * s_v
     else:
         a, b = half * half, g[9] * s_v
     b = max(b, 1e-300)
@@ -200,6 +213,9 @@ def _ring(g, kind, kinks, decay, cut, e_v, below):
     spread = w2
     if decay == 0:
         spread = w2 + a
+        if kind == 4:
+            # A sum of Gaussians, of which far from R wider ones are left.
+            spread = _MIXED * math.sqrt(w2 * spread)
     elif decay == 2 and kind == 0:
         spread = w2 * (1.0 + a)
     last = 1.0

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from albedo._compile import kernel
-from albedo._threads import by_weight
+from albedo._threads import blas_in_one, by_weight
 from albedo.brdf import Model, Part
 from albedo.charts.axis import AxisChart
 from albedo.charts.cosine import CosineChart
@@ -141,7 +141,7 @@ def rings_of(part: Part, levels: Any = None) -> RingsChart:
     InputError
         For parts with other charts.
     """
-    chart = part.chart
+    chart = part.rings or part.chart
     if part.heights:
         own = _Heights(part.heights)
         levels = own if levels is None else _Both(own, levels)
@@ -200,6 +200,7 @@ class Ladder:
         What the curves are to be worth, relatively.
     """
 
+    @blas_in_one
     def __init__(self, model: Model, control: str | None, rtol: float) -> None:
         self.model, self.control, self.rtol = model, control, rtol
         self.curves: list[LogCurve] = []
@@ -448,6 +449,7 @@ class Ladder:
         errors = self.model.spike_errors(wi, weights)
         return weights.sum(0) * scale, errors.sum(0) * scale
 
+    @blas_in_one
     def step(self) -> LogCurve:
         """The curve of the present albedo; later steps divide by it."""
         self._pass_on()
@@ -553,6 +555,7 @@ class Ladder:
         # Averages change little from one end of a cell to the other.
         return np.column_stack((self._passed[1][np.searchsorted(before, middle) - 1], own))
 
+    @blas_in_one
     def average(self, steps: int, cos_theta: np.ndarray, part: int | None = None) -> np.ndarray:
         """Bounds on what the divisor of so many steps makes albedos err by, relatively.
 
@@ -598,6 +601,7 @@ class Ladder:
         curves = self.curves[:steps]
         return np.concatenate([FLAT * curve.error.max() + curve.bound for curve in curves])
 
+    @blas_in_one
     def doubt(self, steps: int) -> float:
         """Bound on the relative error of the divisor of so many steps, whatever L and V are."""
         if steps not in self._doubts:

@@ -234,6 +234,7 @@ class Pumped(Model):
                     part,
                     fill=_Divided(part.fill, divisor),
                     chart=steps.chart(part, self.steps),
+                    rings=None,
                     loss=None,
                     loss_chart=None,
                     doubt=doubt,
