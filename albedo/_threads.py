@@ -50,29 +50,32 @@ class _BlasInOne(ContextDecorator):
         self._lock = threading.Lock()
         self._users = 0
         self._limit: Any = None
+        self._own = threading.local()
 
     def __enter__(self) -> None:
+        from threadpoolctl import ThreadpoolController
+
+        self._own.depth = getattr(self._own, "depth", 0) + 1
+        if self._own.depth > 1:
+            return
         with self._lock:
-            # Whoever came second would take the limit of the first for what was there before.
+            # There may be more libraries than the last time. Some keep a number for each thread.
+            limit = ThreadpoolController().limit(limits=1, user_api="blas")
             if self._users == 0:
-                self._limit = _blas().limit(limits=1)
+                # Whoever comes second may find the limit of the first.
+                self._limit = limit
             self._users += 1
 
     def __exit__(self, *_: object) -> None:
+        self._own.depth -= 1
+        if self._own.depth > 0:
+            return
         with self._lock:
             self._users -= 1
-            if self._users == 0:
-                self._limit.restore_original_limits()
+            self._limit.restore_original_limits()
 
 
 blas_in_one = _BlasInOne()
-
-
-@cache
-def _blas() -> Any:
-    from threadpoolctl import ThreadpoolController
-
-    return ThreadpoolController().select(user_api="blas")
 
 
 def side_by_side(work: Callable[[slice], _Result], count: int, least: int) -> list[_Result]:

@@ -650,3 +650,8 @@ def test_no_direction_is_refused_for_lobes_like_needles() -> None:
         needle = albedo.model("cook_torrance", distribution="ggx", alpha_x=a, alpha_y=b)
         found = albedo.directional_albedo(needle, c, phi[:, None], rtol=1e-6, complement=True)
         assert np.all(np.isfinite(found.value)), needle.spec
+
+
+def test_a_chart_with_a_turn_has_no_kinks() -> None:
+    with pytest.raises(ValueError, match="no kinks"):
+        PolarChart("slope", kinks="max", turn=0.1)

@@ -12,7 +12,7 @@ import pytest
 import albedo
 from albedo._compile import kernel
 from albedo.brdf import Model
-from albedo.catalogue._orders import poisson_series
+from albedo.catalogue._orders import ALONE, SIDE, fill_series, poisson_series
 from albedo.catalogue.he_torrance import (
     lambert_w,
     mirror_share,
@@ -397,6 +397,24 @@ def test_a_series_below_the_range_of_numbers_is_multiplied_in_time() -> None:
         assert poisson_series(g, 0.0, 1e120, 1e100, room()) == math.inf
     # The exponent is rounded once, and counts as often.
     assert found == pytest.approx(float(mp.exp(-800) * mp.mpf(10) ** 200), rel=1600 * EPS, abs=0.0)
+
+
+def test_series_side_by_side_are_those_one_by_one(rng: np.random.Generator) -> None:
+    """Also those of a large g, and what is below the range of numbers but for its factors."""
+    for size in (ALONE, SIDE, 3 * SIDE + 1):
+        for _ in range(40):
+            g = np.where(rng.random(size) < 0.8, 10.0 ** rng.uniform(-12, 1.6, size), 0.0)
+            g = np.where(rng.random(size) < 0.1, 10.0 ** rng.uniform(-320, 4, size), g)
+            c = np.where(rng.random(size) < 0.9, 10.0 ** rng.uniform(-3, 4, size), 0.0)
+            root, rest = 10.0 ** rng.uniform(-3, 3, size), 10.0 ** rng.uniform(-80, 80, size)
+            side = tuple(np.empty(SIDE) for _ in range(5))
+            found = np.empty(size)
+            fill_series(g, c, root, rest, side, room(), found)
+            for k in range(size):
+                one = poisson_series(g[k], c[k], root[k], rest[k], room())
+                # Exponents are rounded, here of c and there of half of it; weights are products.
+                slack = (300.0 + 4.0 * min(c[k], 1500.0)) * EPS
+                assert found[k] == pytest.approx(one, rel=slack, abs=1e-290)
 
 
 def solved(ratio: float, tangents: tuple[float, float]) -> tuple[Any, Any, Any]:

@@ -6,9 +6,10 @@ import threading
 
 import numpy as np
 import pytest
+from threadpoolctl import ThreadpoolController
 
 import albedo
-from albedo._threads import by_weight, in_batches, side_by_side, threads
+from albedo._threads import blas_in_one, by_weight, in_batches, side_by_side, threads
 from albedo.charts.heights import (
     FIRST,
     LAST,
@@ -41,6 +42,38 @@ def test_curves_have_the_same_bits(control: str | None, monkeypatch: pytest.Monk
         np.testing.assert_array_equal(a.edges, b.edges)
         np.testing.assert_array_equal(a.coefficients, b.coefficients)
         np.testing.assert_array_equal(a.error, b.error)
+
+
+def test_products_of_matrices_get_their_threads_back() -> None:
+    """Whoever leaves last gives them back, and nobody keeps the limit that another set."""
+    # Integration may load one more library, which is to be there from the beginning.
+    import scipy.linalg  # noqa: F401
+
+    blas = ThreadpoolController().select(user_api="blas")
+    entered, left = threading.Event(), threading.Event()
+
+    def counts() -> set[int]:
+        return {library["num_threads"] for library in blas.info()}
+
+    def work() -> None:
+        with blas_in_one:
+            entered.set()
+            assert left.wait(60.0)
+
+    before = counts()
+    with blas.limit(limits=3):
+        other = threading.Thread(target=work)
+        with blas_in_one, blas_in_one:
+            assert counts() == {1}
+            other.start()
+            assert entered.wait(60.0)
+        left.set()
+        other.join()
+        assert counts() == {3}
+        with pytest.raises(ZeroDivisionError), blas_in_one:
+            raise ZeroDivisionError
+        assert counts() == {3}
+    assert counts() == before
 
 
 def test_parts_come_in_order_and_cover_all(monkeypatch: pytest.MonkeyPatch) -> None:

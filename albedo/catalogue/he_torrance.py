@@ -11,7 +11,7 @@ import numpy as np
 from albedo._compile import kernel
 from albedo.brdf import Choice, Part, Real
 from albedo.catalogue._fresnel import SOURCES_OF_FACTORS, FresnelChoice
-from albedo.catalogue._orders import SIDE, fill_series
+from albedo.catalogue._orders import ALONE, SIDE, fill_series, poisson_series
 from albedo.charts.cosine import CosineChart
 from albedo.charts.polar import PolarChart
 from albedo.charts.rings import RingsChart
@@ -98,7 +98,11 @@ def fill(wi, wo, h, p, out):
     # What knows no more of V than its height.
     rest, roughness = np.empty(count, out.dtype), np.empty(count, out.dtype)
     g, c, root = np.empty(count, out.dtype), np.empty(count, out.dtype), np.empty(count, out.dtype)
-    side, room = np.empty((5, SIDE), out.dtype), np.empty((3, 8), out.dtype)
+    room = np.empty(8, out.dtype), np.empty(8, out.dtype), np.empty(8, out.dtype)
+    side = (
+        *(np.empty(SIDE, out.dtype), np.empty(SIDE, out.dtype), np.empty(SIDE, out.dtype)),
+        *(np.empty(SIDE, out.dtype), np.empty(SIDE, out.dtype)),
+    )
     for j in range(out.shape[0]):
         lx, ly, lz = wi[0, j], wi[1, j], wi[2, j]
         ratio, k2s2, k2t2, scale = p[j, 0], p[j, 1], p[j, 2], p[j, 3]
@@ -136,7 +140,11 @@ def fill(wi, wo, h, p, out):
                     vx, vy, vz = wo[0, j, i], wo[1, j, i], wo[2, j, i]
                     less = one_less_v_dot_h(lx, ly, lz, vx, vy, vz, u)
                 root[i] *= math.sqrt(max(fresnel(f_code, f_a, f_b, f_c, u, less), 0.0))
-        fill_series(g, c, root, rest, side, room, out[j])
+        if count < ALONE:
+            for i in range(count):
+                out[j, i] = poisson_series(g[i], c[i], root[i], rest[i], room)
+        else:
+            fill_series(g, c, root, rest, side, room, out[j])
 
 
 @kernel

@@ -11,7 +11,7 @@ import numpy as np
 from albedo._compile import kernel
 from albedo.brdf import Choice, Part, Real
 from albedo.catalogue._fresnel import SOURCES_OF_FACTORS, FresnelChoice
-from albedo.catalogue._orders import SIDE, fill_series
+from albedo.catalogue._orders import ALONE, SIDE, fill_series, poisson_series
 from albedo.charts.polar import PolarChart
 from albedo.charts.rings import RingsChart
 from albedo.fresnel import fresnel, is_careful
@@ -28,7 +28,11 @@ def fill(wi, wo, h, p, out):
     count = out.shape[1]
     g, c = np.empty(count, out.dtype), np.empty(count, out.dtype)
     root, rest = np.empty(count, out.dtype), np.empty(count, out.dtype)
-    side, room = np.empty((5, SIDE), out.dtype), np.empty((3, 8), out.dtype)
+    room = np.empty(8, out.dtype), np.empty(8, out.dtype), np.empty(8, out.dtype)
+    side = (
+        *(np.empty(SIDE, out.dtype), np.empty(SIDE, out.dtype), np.empty(SIDE, out.dtype)),
+        *(np.empty(SIDE, out.dtype), np.empty(SIDE, out.dtype)),
+    )
     for j in range(out.shape[0]):
         lx, ly, lz = wi[0, j], wi[1, j], wi[2, j]
         k2s2, x2, y2, scale = p[j, 0], p[j, 1], p[j, 2], p[j, 3]
@@ -49,7 +53,11 @@ def fill(wi, wo, h, p, out):
             g[i], c[i] = k2s2 * w * w, 0.25 * (x2 * hx * hx + y2 * hy * hy)
             root[i] = 2.0 * u * u * math.sqrt(factor) / math.sqrt(lz)
             rest[i] = 1.0 / math.sqrt(vz)
-        fill_series(g, c, root, rest, side, room, out[j])
+        if count < ALONE:
+            for i in range(count):
+                out[j, i] = poisson_series(g[i], c[i], root[i], rest[i], room)
+        else:
+            fill_series(g, c, root, rest, side, room, out[j])
 
 
 @kernel

@@ -48,19 +48,21 @@ KINDS = {
 }
 KINKS = {"none": 0, "max": 1, "v_cavity": 2}
 DECAYS = {"algebraic": 0, "gaussian": 1, "cosine_power": 2}
-# A heavy tail with a layer along all of the horizon: its core is no panel of its own.
+# Instead of a decay: a heavy tail, of which the horizon has a layer, and no core of its own.
 _LAYERED = 3
-# The same with a layer thinner than all else, for kinks: a core that nearly reaches it is none.
+# Instead of kinks: a layer along the horizon that is thinner than all else.
 _THIN = 3
 
 # Angular layers thinner than this weigh less than the rounding error.
-_LAYEREDNEST_LAYER = 1e-17
+_THINNEST_LAYER = 1e-17
 # Below this cosine of incidence the layer n.v ~ n.l along the horizon gets a panel of its own.
-_LAYERED_EDGE = 0.05
+_THIN_EDGE = 0.05
 # Power that clusters nodes at a corner where a kink, or the lobe's end, meets an edge with a root.
 _CORNER = 2
 # Square of the distance, in widths, at which a lobe is 4.5e-19 of its peak.
 _REACH = 42.25
+# What is lost by a lobe matters down to 1e-293 of it.
+_REACH_FULL = 676.0
 # Four nodes see what lies at a panel's end if a lobe falls by no more e-folds from there to here.
 _FOLDS, _HERE = 2.0, 0.07
 # Lobes of widths further apart than this are cut at such distances from where they are narrow.
@@ -108,6 +110,10 @@ class PolarChart(CompiledChart):
     full: bool = False
     layer: int = 0
     turn: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.turn and self.kinks != "none":
+            raise ValueError(f"a chart with turn = {self.turn:g} has no kinks: {self.kinks!r}")
 
     def panels(
         self,
@@ -165,7 +171,7 @@ class PolarChart(CompiledChart):
         geometry = np.column_stack(
             (
                 *(c, s, np.cos(phi), np.sin(phi), cp, sp, wx, wy),
-                *(-sp / wx / norm, cp / wy / norm, slant, np.clip(layer, _LAYEREDNEST_LAYER, 10.0)),
+                *(-sp / wx / norm, cp / wy / norm, slant, np.clip(layer, _THINNEST_LAYER, 10.0)),
                 *(
                     self._grades_edge(c, np.minimum(wx, wy)),
                     wy * wy if self.layer == 2 else np.full_like(c, self.turn),
@@ -189,7 +195,7 @@ class PolarChart(CompiledChart):
         """1 where the lobe reaches the horizon and n.v = n.l lies in a thin layer along it."""
         whole = self.decay == "algebraic" or (width > 0.1)
         reaches = self.kind in ("slope", "mirror_hemisphere", "retro_hemisphere") and not self.full
-        return np.where((c < _LAYERED_EDGE) & whole & reaches, 1.0, 0.0)
+        return np.where((c < _THIN_EDGE) & whole & reaches, 1.0, 0.0)
 
     @property
     def _structure(self) -> tuple[int, int, int, bool]:
@@ -263,8 +269,7 @@ def _breaks(c, big_t, width, kind, kinks, decay, full, b):
         b[j + 1] = line
         n += 1
         place = j + 1
-    # A lobe is cut at 4.5e-19 of its peak; what is lost by it matters down to 1e-293.
-    reach = 676.0 if full else _REACH
+    reach = _REACH_FULL if full else _REACH
     r = math.inf
     if decay == 1:
         r = math.sqrt(reach) * width
@@ -572,7 +577,7 @@ def _outer_cuts(
     m, corners = _cut_at_changes(g, quadrant, probes, edge, *structure, cuts, m, corner, corners, b)
     if elliptic:
         known = m
-        m = _cut_unseen(g, quadrant, kind, 676.0 if full else _REACH, cuts, m)
+        m = _cut_unseen(g, quadrant, kind, _REACH_FULL if full else _REACH, cuts, m)
         if m > known:
             # Smaller panels are probed more finely.
             m, corners = _cut_at_changes(

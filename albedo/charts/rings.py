@@ -122,7 +122,7 @@ class RingsChart(CompiledChart):
                 *(c, s, np.cos(phi), np.sin(phi), high, flat, width),
                 *(np.maximum(layer, _THINNEST), np.arctan2(c, s), np.sin(flat)),
                 *(np.maximum(scale, _THINNEST), np.full_like(c, math.copysign(1.0, -sideways))),
-                np.full_like(c, self.waves),
+                np.full_like(c, min(self.waves, 1.0)),
             )
         )
         levels = np.empty((c.size, 0)) if self.levels is None else self.levels(c)

@@ -475,6 +475,7 @@ class Ladder:
         self.curves.append(curve)
         return curve
 
+    @blas_in_one
     def _pass_on(self) -> None:
         """Take new steps into the products of all rows, and see what errors of curves do after."""
         steps = len(self.curves)
@@ -555,7 +556,6 @@ class Ladder:
         # Averages change little from one end of a cell to the other.
         return np.column_stack((self._passed[1][np.searchsorted(before, middle) - 1], own))
 
-    @blas_in_one
     def average(self, steps: int, cos_theta: np.ndarray, part: int | None = None) -> np.ndarray:
         """Bounds on what the divisor of so many steps makes albedos err by, relatively.
 
@@ -601,13 +601,13 @@ class Ladder:
         curves = self.curves[:steps]
         return np.concatenate([FLAT * curve.error.max() + curve.bound for curve in curves])
 
-    @blas_in_one
     def doubt(self, steps: int) -> float:
         """Bound on the relative error of the divisor of so many steps, whatever L and V are."""
         if steps not in self._doubts:
             self._doubts[steps] = self._doubt(steps) if steps else 0.0
         return self._doubts[steps]
 
+    @blas_in_one
     def _doubt(self, steps: int) -> float:
         curves, new = self.curves[:steps], self._new(steps)
         y = _middles(self._cells[steps - 1])

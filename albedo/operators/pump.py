@@ -16,6 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from albedo._compile import is_kernel
+from albedo._threads import blas_in_one
 from albedo.brdf import Kernel, Model, Parameter, Part
 from albedo.charts._compiled import CompiledChart
 from albedo.charts.heights import LOWEST, folded
@@ -156,8 +157,10 @@ class Pumped(Model):
     def _ladder(self) -> Ladder:
         for rtol in _OF_CURVES if self.rtol is None else (self.rtol,):
             found = ladder(self.base, self.control, rtol)
-            while len(found.curves) < self.steps:
-                found.step()
+            if len(found.curves) < self.steps:
+                with blas_in_one:
+                    while len(found.curves) < self.steps:
+                        found.step()
             left = found.worst(self.steps)
             # Where not even the best of them does, the first is as good.
             if left <= _LEFT or left * _OF_CURVES[-1] > _LEFT * rtol:
