@@ -130,6 +130,7 @@ def stand_in(name: str) -> Callable[[Callable[..., Any]], Any]:
     """An inlined kernel for float64 of what `math` has under a name.
 
     In other arithmetic, `in_single` or that of `albedo.analysis.precise`, it is that function.
+    Products may be added without being rounded, where the processor has that.
     """
 
     def declare(function: Callable[..., Any]) -> Any:

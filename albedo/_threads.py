@@ -121,7 +121,8 @@ def in_batches(work: Callable[[slice], _Result], count: int, size: int) -> list[
 
     They are the same whatever the number of threads, and so are roundings that depend on them.
     """
-    return _found(work, [*range(0, max(count, 1), size), count])
+    parts = max(-(-count // size), 1)
+    return _found(work, [count * k // parts for k in range(parts + 1)])
 
 
 def _found(work: Callable[[slice], _Result], ends: list[int]) -> list[_Result]:
