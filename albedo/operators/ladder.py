@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from albedo._compile import kernel
-from albedo._threads import blas_in_one, by_weight
+from albedo._threads import blas_in_one, by_weight, in_batches
 from albedo.brdf import Model, Part
 from albedo.charts.axis import AxisChart
 from albedo.charts.cosine import CosineChart
@@ -527,7 +527,10 @@ class Ladder:
         found = np.zeros((*of_cell.shape, self._transfer[-1].shape[1]))
         # Where nothing is sent on, nothing is averaged.
         total = np.maximum(mirror + sum(run.total for run in runs), 1e-300)
-        for earlier, cells, transfer in zip(self.curves, self._cells, self._transfer, strict=True):
+
+        def of_curve(part: slice) -> tuple[np.ndarray, np.ndarray]:
+            k = part.start
+            earlier, cells, transfer = self.curves[k], self._cells[k], self._transfer[k]
             # Cells are cut and never joined: each lies in one of an earlier curve.
             of_earlier = np.searchsorted(cells, middle) - 1
             at_l = earlier.at(y_l)
@@ -536,9 +539,12 @@ class Ladder:
                 of_v = of_earlier[run.piece]
                 from_v = run.row, of_v, run.y, run.share, run.lowest
                 spread(*from_v, at_l, *earlier.pieces, matrix, own)
-            passed = matrix / total[:, None] @ transfer
-            kept = (own / total)[of_cell, None] * transfer[of_earlier]
-            found[:, :, : transfer.shape[1]] -= passed[of_cell] + kept
+            passed: np.ndarray = matrix / total[:, None] @ transfer
+            kept: np.ndarray = (own / total)[of_cell, None] * transfer[of_earlier]
+            return passed, kept
+
+        for passed, kept in in_batches(of_curve, len(self.curves), 1):
+            found[:, :, : passed.shape[1]] -= passed[of_cell] + kept
         return found
 
     def _shares(self, curve: LogCurve) -> np.ndarray:

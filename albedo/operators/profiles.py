@@ -51,7 +51,7 @@ _DIGITS, _MORE, _LEAST = 27.6, 4.0, 8.0
 # Slices that are worth another thread, and rows that one integrates at once.
 _FEW, _BATCH = 300, 64
 # Rows that begin with the cells of the one in their midst.
-_ALIKE = 12
+_ALIKE = 20
 # Nodes are moved together when there are so many for each that is used.
 _HOLES = 2
 # Kinks that are closer than this, as a share of a panel, are one.
