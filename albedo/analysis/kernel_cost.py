@@ -594,6 +594,9 @@ def committed(path: Path = FILE) -> pd.DataFrame:
     if frame.duplicated(["model", "spec", "precision", "way"]).any():
         raise damaged("have a row twice")
     for name in _TIMES:
+        # Few rows may have nothing but whole numbers.
+        if frame[name].dtype == np.int64:
+            frame[name] = frame[name].astype(np.float64)
         if (
             frame[name].dtype != np.float64
             or not (np.isfinite(frame[name]) & (frame[name] > 0)).all()

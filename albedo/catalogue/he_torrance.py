@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from albedo.charts.rings import RingsChart
 from albedo.fresnel import fresnel, is_careful
 from albedo.geometry import one_less_v_dot_h, v_dot_h
 from albedo.microfacet import beckmann_hidden
+from albedo.sampling.routines import ggx_normals
 
 # Shadowing sets in along the horizon below n.v as small as the surface's slope: from here on that
 # is a thin layer, which panels of its own see with fewer nodes.
@@ -221,8 +223,11 @@ class HeTorrance(FresnelChoice):
             width = max(slope, waves)
             chart = PolarChart("slope", edge=2, turn=turn)
             rings = RingsChart("projected", waves=waves)
-            widths = width, width
-            parts.append(Part("directional_diffuse", fill, chart, widths, rings=rings))
+            # On a smooth surface next to the horizon the lobe of waves is wider in slopes.
+            smooth = 2.0 * math.pi * self.sigma0 <= self.wavelength
+            routine = ggx_normals(2.0 * waves, 2.0 * waves) if smooth else None
+            one = Part("directional_diffuse", fill, chart, (width, width))
+            parts.append(replace(one, rings=rings, routine=routine))
         if self.a_ud > 0.0:
             parts.append(Part("uniform_diffuse", fill_diffuse, CosineChart()))
         return tuple(parts)

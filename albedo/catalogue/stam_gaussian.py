@@ -16,6 +16,7 @@ from albedo.charts.polar import PolarChart
 from albedo.charts.rings import RingsChart
 from albedo.fresnel import fresnel, is_careful
 from albedo.geometry import one_less_v_dot_h, v_dot_h
+from albedo.sampling.routines import ggx_normals
 
 
 @kernel
@@ -118,7 +119,10 @@ class StamGaussian(FresnelChoice):
         waves = self.wavelength / (2.0 * math.pi * min(lengths))
         rings = RingsChart("projected", waves=waves) if self.isotropic else None
         chart = PolarChart("slope", edge=2)
-        return (Part("diffracted", fill, chart, widths, rings=rings),)
+        # On a smooth surface next to the horizon the lobe of waves is wider in slopes.
+        smooth = self.isotropic and 2.0 * math.pi * self.sigma <= self.wavelength
+        routine = ggx_normals(2.0 * waves, 2.0 * waves) if smooth else None
+        return (Part("diffracted", fill, chart, widths, rings=rings, routine=routine),)
 
     def spikes(self, wi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         if self.mirror == "off":
