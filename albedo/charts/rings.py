@@ -6,14 +6,15 @@ R or on that of L. V has the elevation e_v and the azimuth chi from that of the 
 D = e_a - e_v is how much lower it stands. For one height everything about the axis is a function
 of sin(chi/2)^2:
 
-====================================  =============================  ==================
-tan^2 of the angle of H (``slope``)   tan(D/2)^2 + B sin(chi/2)^2    B = 4 s_l s_v/(n.l + n.v)^2
-sin^2 of half the angle to the axis   sin(D/2)^2 + B sin(chi/2)^2    B = s_a s_v
-====================================  =============================  ==================
+====================================  ================================  ============================
+tan^2 of the angle of H (``slope``)   tan(D/2)^2 + B sin(chi/2)^2       B = 4 s_l s_v/(n.l + n.v)^2
+sin^2 of half the angle to the axis   sin(D/2)^2 + B sin(chi/2)^2       B = s_a s_v
+square of half the way from R to V    (s_l - s_v)^2/4 + B sin(chi/2)^2  B = s_l s_v
+====================================  ================================  ============================
 
-with the sines s_l, s_a and s_v of the polar angles. So curves of constant n.v, along which factors
-such as max(a(L), a(V)) have their kinks, are ends of panels; the horizon is e_v = 0; and the curves
-of the V-cavity masking, min(n.l, n.v) (n.h) = (v.h)/2, and of 90 degrees from the axis are known in
+with the sines s_l, s_a and s_v of the polar angles, and the way along the surface (``projected``).
+So curves of constant n.v, along which factors such as max(a(L), a(V)) have their kinks, are ends of
+panels; the horizon is e_v = 0; and the curves of the V-cavity masking, min(n.l, n.v) (n.h) = (v.h)/2, and of 90 degrees from the axis are known in
 chi for each ring. They begin and end where chi is 0 or pi, at heights that are known too; there chi
 is a root, and nodes are clustered. A ring ends 90 degrees from the axis at
 cos(chi) = -tan(e_a) tan(e_v), which at grazing incidence turns within e_a of the zenith: the fourth
