@@ -14,11 +14,12 @@ square of half the way from R to V    (s_l - s_v)^2/4 + B sin(chi/2)^2  B = s_l 
 
 with the sines s_l, s_a and s_v of the polar angles, and the way along the surface (``projected``).
 So curves of constant n.v, along which factors such as max(a(L), a(V)) have their kinks, are ends of
-panels; the horizon is e_v = 0; and the curves of the V-cavity masking, min(n.l, n.v) (n.h) = (v.h)/2, and of 90 degrees from the axis are known in
-chi for each ring. They begin and end where chi is 0 or pi, at heights that are known too; there chi
-is a root, and nodes are clustered. A ring ends 90 degrees from the axis at
-cos(chi) = -tan(e_a) tan(e_v), which at grazing incidence turns within e_a of the zenith: the fourth
-power, with which broad lobes have nodes there, sees that layer as far as it has any weight.
+panels; the horizon is e_v = 0; and the curves of the V-cavity masking, min(n.l, n.v) (n.h) =
+(v.h)/2, and of 90 degrees from the axis are known in chi for each ring. They begin and end where
+chi is 0 or pi, at heights that are known too; there chi is a root, and nodes are clustered. A ring
+ends 90 degrees from the axis at cos(chi) = -tan(e_a) tan(e_v), which at grazing incidence turns
+within e_a of the zenith: the fourth power, with which broad lobes have nodes there, sees that layer
+as far as it has any weight.
 
 Heights are stretched from the axis as scale sinh(s), on either side, the scale being the width of
 the lobe, or the elevation of the axis where that is less and the horizon has a layer; and from the
