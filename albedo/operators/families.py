@@ -4,8 +4,8 @@ Panels follow the lobe: their ends are smooth functions of the incidence, and so
 coefficient of the integral around the ring in the coordinate of a panel, however narrow the lobe
 is. A *family* has them at Chebyshev's nodes of a stretch of incidences, on panels that are the same
 for all, and is confirmed by fresh incidences between: what it missed there goes into its bounds.
-Stretches end where panels appear or vanish, and are halved where a family does not do. A family is
-made where more incidences are asked for than it takes to make it.
+Stretches end where panels appear or vanish, and are halved where a family does not do, a few times.
+A family is made where more incidences are asked for than it takes to make it.
 
 Where what is next to nothing will be much after some steps, each panel has a scale of its own, of
 which the family holds the logarithm: over a stretch it changes by many orders.
@@ -42,6 +42,8 @@ _NORMS = 1.0 / (2.0 * np.arange(TERMS) + 1.0)
 _MARGIN = 1e-6
 # Stretches are cut to this at first; towards the horizon, to this times 1 - y.
 _LONGEST, _GRAZING = 0.15, 0.5
+# Stretches that have no family are halved so many times.
+_HALVINGS = 4
 # Where panels change is looked for on so many incidences.
 _SCAN = 700
 
@@ -231,7 +233,7 @@ class _Stretch:
     asked: np.ndarray = field(default_factory=lambda: np.empty(0))
     family: _Family | None = None
     hopeless: bool = False
-    half: bool = False
+    halvings: int = 0
 
     def inside(self, y: np.ndarray) -> np.ndarray:
         """Those of some coordinates that it holds."""
@@ -248,8 +250,8 @@ class _Stretch:
         middle = 0.5 * (self.low + self.high)
         lower, upper = self.asked[self.asked <= middle], self.asked[self.asked > middle]
         return [
-            _Stretch(self.low, middle, lower, half=True),
-            _Stretch(middle, self.high, upper, half=True),
+            _Stretch(self.low, middle, lower, halvings=self.halvings + 1),
+            _Stretch(middle, self.high, upper, halvings=self.halvings + 1),
         ]
 
 
@@ -357,7 +359,7 @@ class Families:
                 made[at] = _Family.of(folded(c[k]), kind, rows, first, 0.5 * self.rtol, ahead)
         for stretch, found in zip(stretches, made, strict=True):
             stretch.family, stretch.hopeless = found, found is None
-            if found is None and not stretch.half:
+            if found is None and stretch.halvings < _HALVINGS:
                 self._stretches[ahead].remove(stretch)
                 self._stretches[ahead] += stretch.halves()
 
