@@ -290,6 +290,9 @@ class Model:
     grazing_limit: bool = True
     """Whether the albedo has a finite limit at cos_theta = 0."""
 
+    lowest_cosine: float = 0.0
+    """Below this n.l or n.v values are not known: no table holds what they are divided by."""
+
     resolved_width: float | None = None
     """Feature width down to which a bound holds, when nothing finer is declared (radians)."""
 
@@ -526,8 +529,9 @@ class Model:
         Returns
         -------
         ndarray, shape (...)
-            Values in 1/sr; 0 where either direction is not above the horizon. Shape
-            (channels, ...) where a colour of the model has channels.
+            Values in 1/sr; 0 where either direction is not above the horizon, and NaN where one is
+            nearer to it than `lowest_cosine`. Shape (channels, ...) where a colour of the model has
+            channels.
 
         Raises
         ------
@@ -550,6 +554,7 @@ class Model:
         if np.any(above):
             half = half_vector(light[above], view[above])
             total[above] = self.finite_part(light[above], view[above], half)
+            total[above & (np.minimum(light[:, 2], view[:, 2]) < self.lowest_cosine)] = np.nan
         return total.reshape(shape)
 
     def finite_part(self, wi: np.ndarray, wo: np.ndarray, h: np.ndarray) -> np.ndarray:

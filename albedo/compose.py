@@ -42,6 +42,7 @@ class Sum(Model):
             # Enough, if not needed: what is added may be small where the other model is large.
             "conserves_energy": sum(factors) <= 1.0 and all(m.conserves_energy for _, m in terms),
             "grazing_limit": all(m.grazing_limit for _, m in terms),
+            "lowest_cosine": max((m.lowest_cosine for _, m in terms), default=0.0),
             "references": tuple(dict.fromkeys(key for _, m in terms for key in m.references)),
             "equation": " + ".join(m.equation for _, m in terms),
         }

@@ -47,14 +47,50 @@ def test_tables_of_a_series(steps: pumping.Series) -> None:
 
 def test_peaks_are_told_in_units_of_the_base(steps: pumping.Series) -> None:
     peaks = pumping.find_peaks(steps, np.array([1.0, 0.5, 0.1]))
-    ratio, error = peaks.relative(0)
+    asked = np.isin(peaks.cosines, [1.0, 0.5, 0.1])
+    ratio, error = (column[asked] for column in peaks.relative(0))
     assert np.all(np.abs(ratio - [1.0, 0.5, 0.1]) <= error)
     # The first step divides by the albedo, which is the cosine but for what the horizon cuts off.
-    ratio, error = peaks.relative(1)
+    ratio, error = (column[asked] for column in peaks.relative(1))
     known = np.array([1.0, 0.5, 0.1]) / steps.value[0, [0, 2, 3]]
     assert np.all(np.abs(ratio - known) <= error + 2.0 * steps.error[0, [0, 2, 3]] * known / 0.1)
     assert np.all(peaks.beside_mirror(2)[0] == 1.0)
-    assert len(peaks.frame()) == 9
+    # Incidences of the largest of all are among them.
+    assert len(peaks.frame()) == 3 * peaks.cosines.size
+    assert {top.cos_theta for top in peaks.tops.values()} <= set(peaks.cosines)
+
+
+def test_the_largest_radiance_of_all_incidences_is_found(steps: pumping.Series) -> None:
+    """In the mirror direction it is n.l over the albedos before every step."""
+    peaks = pumping.find_peaks(steps, pumping.PEAK_COSINES[::3])
+    whole = steps.stages[2]
+    # A grid this fine misses a smooth top by its square; the tops have no corner here.
+    c = np.geomspace(0.05, 0.5, 20_001)
+    product = np.ones(c.size)
+    for k in (1, 2):
+        product = product * whole.albedo_before(k - 1, c).value
+        known = float((c / product).max())
+        top = peaks.tops[k]
+        assert abs(top.value - max(known, 1.0)) <= top.error + 1e-7 * known
+        assert top.error <= 1e-8
+    assert peaks.tops[2].value > 1.0 + peaks.tops[2].error + np.max(peaks.relative(0)[1])
+    # Over that before any step it is largest where the albedos are smallest.
+    assert peaks.gains[2].cos_theta == pytest.approx(peaks.cosines.min())
+
+
+def test_tops_of_corners_and_of_plateaus() -> None:
+    def corner(c: float) -> tuple[float, float]:
+        return min(c / 0.3, 0.3 / c) ** 2, 1e-15
+
+    cosines = np.geomspace(1.0, 1e-3, 12)
+    top = pumping.top_of(corner, cosines)
+    assert abs(top.value - 1.0) <= top.error <= 1e-8
+    assert top.cos_theta == pytest.approx(0.3, rel=1e-7)
+    flat = pumping.top_of(lambda c: (min(1.0, 2.0 * c), 1e-12), cosines)
+    assert flat.value == 1.0
+    assert flat.error <= 1e-10
+    # At an end nothing lies beyond.
+    assert pumping.top_of(lambda c: (-c, 0.0), cosines).cos_theta == pytest.approx(1e-3)
 
 
 def test_what_equals_a_limit_holds_within_its_bound() -> None:

@@ -87,6 +87,26 @@ def test_ward_grows_without_limit_towards_the_horizon() -> None:
     assert found.angle_from_mirror == 0.0
 
 
+@pytest.mark.parametrize("steps", [1, 2])
+def test_ward_pumped_up_is_bounded(steps: int) -> None:
+    """Its albedo grows towards grazing views as its values do, down to where none is known."""
+    model = albedo.pump(albedo.model("ward", m=0.3), steps)
+    for c in (0.5, 1e-4, 1e-12):
+        found = peak(model, c)
+        heights = np.append(c, np.geomspace(1.0, 1e-16, 400))
+        views = np.stack([spherical(v, math.pi) for v in heights.tolist()])
+        near = output_radiance(model, spherical(c, 0.0), views)
+        assert np.all(near.value - near.error <= found.value + found.error)
+        # Heights a tenth apart show a corner to less than a hundredth.
+        assert found.value - found.error <= 1.01 * near.value.max()
+    low = spherical(2.0**-65, math.pi)
+    assert np.isnan(model.eval(spherical(0.5, 0.0), low))
+    assert output_radiance(model, spherical(0.5, 0.0), low).error == math.inf
+    # Where an albedo has a limit, it is known.
+    phong = albedo.pump(albedo.model("phong", n=20), steps)
+    assert np.isfinite(output_radiance(phong, spherical(0.5, 0.0), low).error)
+
+
 def test_a_limit_at_the_horizon() -> None:
     """Oren and Nayar's model is brightest there, behind the light."""
     model = albedo.model("oren_nayar", sigma=0.5)

@@ -102,14 +102,13 @@ def _say_recursive(context: Context, data: pumping.Series, peaks: pumping.Peaks)
         "step's differences are surely above 0."
     )
     for k in sorted({1, STEPS, data.steps}):
-        n, ratio, error = pumping.most(*peaks.relative(k))
-        m, gain, gain_error = pumping.most(*peaks.over_base(k))
+        top, gain = peaks.tops[k], peaks.gains[k]
         context.note(
-            f"After {k} step{'s' if k > 1 else ''} the largest output radiance is "
-            f"{format_value(ratio, error)} times the lobe's at normal incidence, at "
-            f"{np.degrees(np.arccos(peaks.cosines[n])):.1f}°, and up to "
-            f"{format_value(gain, gain_error)} times what it was before any step, at "
-            f"{np.degrees(np.arccos(peaks.cosines[m])):.3f}°."
+            f"After {k} step{'s' if k > 1 else ''} the largest output radiance at cosines of "
+            f"incidence from {peaks.cosines.min():g} on is {format_value(top.value, top.error)} "
+            f"times the lobe's at normal incidence, at {top.theta_deg:.2f}°, and up to "
+            f"{format_value(gain.value, gain.error)} times what it was before any step, at "
+            f"{gain.theta_deg:.3f}°."
         )
 
 
@@ -141,20 +140,20 @@ def _claim_recursive(
         criterion="> 0",
         quantity="smallest 1 - a* of all steps, from 10 degrees to a cosine of 1e-6",
     )
-    _, value, error = pumping.most(*peaks.relative(STEPS))
+    top = peaks.tops[STEPS]
     context.claim(
         "N8",
         f"After {STEPS} steps the output radiance of {name} exceeds what an ideal mirror's would "
         "be with the same blur.",
-        value=value,
-        error=error,
+        value=top.value,
+        error=top.error,
         criterion="> 1",
-        quantity="largest output radiance over all angles, over that at normal incidence",
+        quantity="largest output radiance at all cosines of incidence from "
+        f"{peaks.cosines.min():g} on, over that at normal incidence",
         reading=BRIGHT,
         figure="peaks_figure",
         table="peaks",
     )
-    at, top, doubt = pumping.most(*peaks.relative(STEPS))
     _, value, error = pumping.most(*peaks.beside_mirror(STEPS))
     context.claim(
         "N8",
@@ -176,8 +175,8 @@ def _claim_recursive(
         f"brightest direction for every L: the ratio is {format_value(value, error)}, and no peak "
         "lies beside R. What does grow is the peak itself. Over the lobe's at normal incidence it "
         "is N.L over the product of the a_j(L), and passes 1 once that product falls below the "
-        f"cosine. Here it is up to {format_value(top, doubt)} after {STEPS} steps, at "
-        f"{np.degrees(np.arccos(peaks.cosines[at])):.1f}°. So the warning of a surface that is too "
+        f"cosine. Here it is up to {format_value(top.value, top.error)} after {STEPS} steps, at "
+        f"{top.theta_deg:.2f}°. So the warning of a surface that is too "
         "bright holds; where it is brightest is the mirror direction of its light.",
     )
 
@@ -311,19 +310,15 @@ def _claim_controlled(
     control: str,
     worth: tuple[str, str],
 ) -> None:
-    relative = [peaks.relative(k) for k in peaks.found if k > 0]
-    _, value, error = pumping.most(
-        np.concatenate([ratio for ratio, _ in relative]),
-        np.concatenate([bound for _, bound in relative]),
-    )
+    top = max((peaks.tops[k] for k in peaks.tops if k > 0), key=lambda top: top.value + top.error)
     context.claim(
         "N9",
         f"The output radiance of {name} never exceeds that of an ideal mirror with the same blur.",
-        value=value,
-        error=error,
+        value=top.value,
+        error=top.error,
         criterion=pumping.at_most(1.0),
-        quantity=f"largest output radiance after up to {data.steps} steps, over the base's at "
-        "normal incidence",
+        quantity=f"largest output radiance after up to {data.steps} steps at all cosines of "
+        f"incidence from {peaks.cosines.min():g} on, over the base's at normal incidence",
         reading=control,
         figure=f"radiance_{control}_figure",
         table=f"peaks_{control}",

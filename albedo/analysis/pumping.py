@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -37,9 +38,13 @@ LOWEST_VIEW = -30.0
 """The first angle of views in the plane of incidence, in degrees: lobes are on the other side."""
 
 PEAK_COSINES = np.concatenate(
-    (np.cos(np.radians(np.arange(0.0, 80.0, 5.0))), np.geomspace(0.175, 1e-4, 26))
+    (np.cos(np.radians(np.arange(0.0, 80.0, 2.5))), np.geomspace(0.175, 1e-4, 52))
 )
-"""Cosines of incidence at which largest radiances are sought."""
+"""Cosines of incidence at, and between, which largest radiances are sought."""
+
+# How near the incidence of the largest of all is come to, in log n.l.
+_NEAREST = 1e-10
+_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,6 +247,64 @@ def _sure_from(theta: np.ndarray, low: np.ndarray) -> float:
     return float(theta[first]) if first < theta.size else math.nan
 
 
+@dataclass(frozen=True)
+class Top:
+    """The largest value of a function of the incidence, and where.
+
+    Attributes
+    ----------
+    cos_theta : float
+    value, error : float
+        The bound holds what is left between the incidences that were looked at last.
+    """
+
+    cos_theta: float
+    value: float
+    error: float
+
+    @property
+    def theta_deg(self) -> float:
+        """Angle of incidence in degrees."""
+        return math.degrees(math.acos(min(self.cos_theta, 1.0)))
+
+
+def top_of(function: Callable[[float], tuple[float, float]], cosines: np.ndarray) -> Top:
+    """The largest value of a function of the incidence between the first cosine and the last.
+
+    Parameters
+    ----------
+    function : callable
+        Value and bound at a cosine.
+    cosines : ndarray
+        Descending; between two of them is no more than one maximum.
+    """
+    x = np.log(cosines)
+    seen = {float(at): function(float(c)) for at, c in zip(x, cosines, strict=True)}
+
+    def at(place: float) -> float:
+        if place not in seen:
+            seen[place] = function(math.exp(place))
+        return seen[place][0]
+
+    value, error = np.array([seen[float(place)] for place in x]).T
+    high, low = (
+        choose(np.append(value[1:], end), np.append(end, value[:-1]))
+        for choose, end in ((np.maximum, -math.inf), (np.minimum, math.inf))
+    )
+    # What falls on both sides by less than it is below the best, or errs by, hides no better one.
+    peaked = (value >= high) & (2.0 * value - low >= value.max()) & (value - low > error)
+    left = 0.0
+    for k in np.flatnonzero(peaked).tolist():
+        a, b = float(x[min(k + 1, x.size - 1)]), float(x[max(k - 1, 0)])
+        while b - a > _NEAREST:
+            first, last = b - _GOLDEN * (b - a), a + _GOLDEN * (b - a)
+            a, b = (a, last) if at(first) >= at(last) else (first, b)
+        left = max(left, *(abs(at(a) - at(end)) for end in (0.5 * (a + b), b)))
+    best = max(seen, key=lambda place: seen[place][0])
+    found, doubt = seen[best]
+    return Top(math.exp(best), found, doubt + left)
+
+
 @dataclass(frozen=True, eq=False)
 class Peaks:
     """The largest output radiances of all steps of a series, in units of that of the base at N.
@@ -254,11 +317,17 @@ class Peaks:
         For every step, at every cosine.
     unit : Peak
         Of the base, at normal incidence.
+    tops : mapping of int to Top
+        For every step, the largest of all incidences.
+    gains : mapping of int to Top
+        The same of what it is over that of step 0 at the same incidence.
     """
 
     cosines: np.ndarray
     found: dict[int, list[Peak]]
     unit: Peak
+    tops: dict[int, Top]
+    gains: dict[int, Top]
 
     def relative(self, step: int) -> tuple[np.ndarray, np.ndarray]:
         """Largest radiances of a step over the unit, and bounds."""
@@ -306,6 +375,11 @@ def _over(a: Any, b: Any) -> tuple[np.ndarray, np.ndarray]:
     return ratio, (a[1] + ratio * b[1]) / (b[0] - b[1])
 
 
+def _quotient(one: Peak, other: Peak) -> tuple[float, float]:
+    value, error = _over((one.value, one.error), (other.value, other.error))
+    return float(value), float(error)
+
+
 def sparse(steps: int) -> list[int]:
     """The first steps, then every fifth, and the last: of many, what a table can do with."""
     return sorted({*range(min(steps, 5) + 1), *range(0, steps + 1, 5), steps})
@@ -314,13 +388,34 @@ def sparse(steps: int) -> list[int]:
 def find_peaks(
     data: Series, cosines: np.ndarray = PEAK_COSINES, advance: Advance | None = None
 ) -> Peaks:
-    """Seek the largest output radiance after the steps that `sparse` names, at some incidences."""
-    found = {}
-    for k in sparse(data.steps):
+    """Seek the largest output radiance after the steps that `sparse` names, at some incidences.
+
+    Those at which it is largest of all, for one of the steps, are added to them.
+    """
+    base = data.stages[0].base
+    unit = peak(base, 1.0)
+    known: dict[tuple[int, float], Peak] = {}
+
+    def at(k: int, c: float) -> Peak:
+        if (k, c) not in known:
+            known[k, c] = peak(data.stages[k], c)
+        return known[k, c]
+
+    def bright(k: int, c: float) -> tuple[float, float]:
+        return _quotient(at(k, c), unit)
+
+    def gained(k: int, c: float) -> tuple[float, float]:
+        return _quotient(at(k, c), at(0, c))
+
+    steps = sparse(data.steps)
+    tops, gains = {}, {}
+    for k in steps:
         if advance is not None:
             advance(k, data.steps + 1, f"largest radiance after step {k}")
-        found[k] = [peak(data.stages[k], float(c)) for c in cosines]
-    return Peaks(cosines, found, peak(data.stages[0].base, 1.0))
+        tops[k], gains[k] = (top_of(partial(what, k), cosines) for what in (bright, gained))
+    every = np.unique(np.append(cosines, [top.cos_theta for top in tops.values()]))[::-1]
+    found = {k: [at(k, float(c)) for c in every] for k in steps}
+    return Peaks(every, found, unit, tops, gains)
 
 
 def radiance_frame(data: Series, theta_deg: Sequence[float]) -> pd.DataFrame:

@@ -95,7 +95,7 @@ class _Lobes:
             raise InputError(
                 f"{model.spec} has {model.channels} channels; choose one with .channel(index)"
             )
-        self.parts = model.parts()
+        self.parts, self.lowest = model.parts(), model.lowest_cosine
         self._packed = np.array(model.pack(), dtype=np.float64)
         self.evaluations = 0
 
@@ -141,7 +141,8 @@ class _Lobes:
             value += f
             relative = np.broadcast_to(doubt, wi.shape[1])[:, None] + _ROUNDINGS * _EPS
             error += relative * np.abs(f) + _PROBE * np.abs(other - f)
-        return value, np.where(np.isfinite(value), error, np.inf)
+        unknown = ~np.isfinite(value) | (np.minimum(wo[2], wi[2][:, None]) < self.lowest)
+        return value, np.where(unknown, np.inf, error)
 
 
 def output_radiance(model: Model, wi: ArrayLike, wo: ArrayLike) -> Estimate:
@@ -358,8 +359,8 @@ class _Search:
     def _look(self, wi: np.ndarray, wo: np.ndarray, h: np.ndarray) -> np.ndarray:
         """Values at nodes; the best is kept, and what comes near it."""
         # At the horizon it is rounding that puts a node above or below.
-        least = _HORIZON[-1] * self.c
-        at_horizon = np.abs(wo[2]) < _ROUNDED
+        least = max(_HORIZON[-1] * self.c, self.lobes.lowest)
+        at_horizon = (np.abs(wo[2]) < _ROUNDED) | ((wo[2] > 0.0) & (wo[2] < least))
         if at_horizon.any():
             wo, h = wo.copy(), h.copy()
             lifted = np.where(at_horizon, np.maximum(wo[2], least), wo[2])
@@ -451,7 +452,10 @@ class _Search:
     def _horizon(self) -> Peak:
         """The limit towards the horizon, at the azimuth where the search ended."""
         turn = math.atan2(self.wo[1], self.wo[0])
-        heights = self.c * _HORIZON
+        # Where values are not known, the last of these stand above.
+        last = max(_HORIZON[-1], self.lobes.lowest / self.c)
+        first = max(_HORIZON[0], last * _HORIZON[0] / _HORIZON[1])
+        heights = self.c * np.geomspace(first, last, _HORIZON.size)
         across = np.sqrt((1.0 - heights) * (1.0 + heights))
         views = np.column_stack((across * math.cos(turn), across * math.sin(turn), heights))
         value, error = _at(self.lobes, np.tile(self.wi, (heights.size, 1)), views)

@@ -236,6 +236,7 @@ class Compensated(Model):
             "grazing_limit": base.grazing_limit,
             "references": tuple(dict.fromkeys((*sources[method], *base.references))),
             "equation": f"{method} over {base.equation}",
+            "lowest_cosine": base.lowest_cosine,
             "resolved_width": base.resolved_width,
         }
         for key, value in values.items():

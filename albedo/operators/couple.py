@@ -134,6 +134,7 @@ class Coupled(Model):
                 dict.fromkeys(("ashikhmin2000", "shirley1997", *specular.references))
             ),
             "equation": f"AS eq. 12 over {specular.equation}",
+            "lowest_cosine": specular.lowest_cosine,
             "resolved_width": specular.resolved_width,
         }
         for key, value in values.items():

@@ -189,6 +189,7 @@ class Normalized(Model):
             "grazing_limit": base.grazing_limit,
             "references": base.references,
             "equation": f"{base.equation} over its albedo",
+            "lowest_cosine": base.lowest_cosine,
             "resolved_width": base.resolved_width,
         }
         for key, value in values.items():

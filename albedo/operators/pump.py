@@ -89,6 +89,8 @@ class Pumped(Model):
             "grazing_limit": base.grazing_limit,
             "references": ("neumann_pumping", *base.references),
             "equation": f"NNS eqs. 16 to 21 over {base.equation}",
+            # Where albedos have no limit, none is known below the first height of the curves.
+            "lowest_cosine": base.lowest_cosine if base.grazing_limit or not steps else LOWEST,
             "resolved_width": base.resolved_width,
         }
         kept = {"base": base.spec} if isinstance(base, Pumped) else {"base": base.name}
