@@ -116,6 +116,8 @@ _INSIDE = 120
 
 # More curves than this in one legend cannot be told apart: a sweep then gets a colour scale.
 _MOST_NAMED = 8
+# So many shades of one colour are told apart.
+_MOST_SHADES = 3
 
 
 @dataclass(frozen=True)
@@ -696,6 +698,12 @@ def _look(
     from matplotlib.colors import to_rgb
 
     namesakes = [index for index, other in enumerate(curves) if other.name == curve.name]
+    if curve.swept is not None and len(namesakes) > _MOST_SHADES:
+        from matplotlib import colormaps
+
+        place = namesakes.index(number)
+        hue = colormaps["viridis"](0.86 * place / (len(namesakes) - 1))
+        return {"color": hue, "linestyle": _DASHES[place % len(_DASHES)], "linewidth": 1.4}
     # Further curves of one model go towards white, but stay dark enough to be read.
     paler = 0.45 * namesakes.index(number) / max(len(namesakes) - 1, 1)
     shade = tuple(c + (1.0 - c) * paler for c in to_rgb(color(curve.name)))

@@ -392,17 +392,32 @@ def test_pump_prints_every_step_and_writes_numbers_and_pictures(tmp_path: Path) 
     with numbers.open() as file:
         rows = list(csv.DictReader(file))
     assert [row["step"] for row in rows] == ["0", "0", "1", "1", "2", "2"]
+    assert {row["control"] for row in rows} == {"cumulative"}
     model = albedo.pump(albedo.model("phong", n=20), 2, "cumulative")
     found = albedo.directional_albedo(model, 0.1)
     assert abs(float(rows[-1]["value"]) - found.value) <= float(rows[-1]["error"]) + found.error
     assert (tmp_path / "phong.png").stat().st_size > 10_000
 
 
+@pytest.mark.parametrize("rtol", ["1e-10", "1e-4"])
+def test_pump_gives_what_is_asked_for(tmp_path: Path, rtol: str) -> None:
+    numbers = tmp_path / "steps.csv"
+    arguments = ("phong:n=20", "--steps", "4", "--rtol", rtol, "--cos", "0.7,0.1,1e-6")
+    assert run("pump", *arguments, "-o", str(numbers)).exit_code == 0
+    with numbers.open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 15
+    for row in rows:
+        assert row["converged"] == "True"
+        assert float(row["error"]) <= float(rtol) * float(row["value"])
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (("phong_original",), "not symmetric"),
-        (("phong", "--steps", "-1"), "steps = -1 is out of range"),
+        (("phong", "--steps", "-1"), "steps = -1 is no whole number in [0, 100]"),
+        (("phong", "--rtol", "1e-15"), "goal = 1e-15 is out of range"),
         (("phong", "--control", "soft"), "control = 'soft' is unknown"),
         (("phong:n=[1,2]",), "takes one model"),
         (("phong", "-o", "albedo.txt"), "albedo.txt"),
@@ -433,6 +448,7 @@ def test_radiance_prints_peaks_and_writes_numbers_and_pictures(tmp_path: Path) -
     with numbers.open() as file:
         rows = list(csv.DictReader(file))
     assert [row["cos_theta"] for row in rows] == ["0.5", "0.1"]
+    assert {(row["steps"], row["control"]) for row in rows} == {("2", "cumulative")}
     # Under control the lobe is never brighter than before at normal incidence.
     for row in rows:
         assert abs(float(row["peak"]) - 11.0 / math.pi) <= float(row["peak_error"])
@@ -450,6 +466,7 @@ def test_radiance_prints_peaks_and_writes_numbers_and_pictures(tmp_path: Path) -
     [
         (("phong_original", "--steps", "1"), "not symmetric"),
         (("phong", "--control", "literal"), "goes with --steps"),
+        (("phong", "--rtol", "1e-6"), "goes with --steps"),
         (("phong", "--cos", "0"), "cos_theta = 0.0 is out of range"),
         (("phong", "--cos", "1", "--theta", "0"), "choose one"),
         (("phong", "-o", "peaks.txt"), "peaks.txt"),

@@ -13,7 +13,8 @@ from albedo.brdf import Model
 from albedo.charts.heights import folded, unfolded
 from albedo.directions import spherical
 from albedo.errors import InputError
-from albedo.operators.divisor import Divisor
+from albedo.operators.divisor import CONTROLS, Divisor
+from albedo.operators.pump import Pumped
 
 EPS = np.finfo(float).eps
 PHONG = albedo.model("phong", n=20)
@@ -181,9 +182,35 @@ def test_what_is_pumped_is_a_model_like_any_other() -> None:
     seen = albedo.directional_albedo(model, cosines, fixed="view")
     assert np.all(np.abs(seen.value - exact.value) <= seen.error + exact.error)
     # The inner divisor errs, and the outer one with it: it has to be better than by default.
-    nested = albedo.pump(albedo.pump(PHONG, 1, rtol=1e-10), 1)
+    nested = Pumped(albedo.pump(PHONG, 1, rtol=1e-10), 1, None, None)
     twice = albedo.directional_albedo(nested, cosines)
     assert np.all(np.abs(twice.value - exact.value) <= twice.error + exact.error)
+
+
+def test_steps_upon_steps_are_one_operator() -> None:
+    assert albedo.pump(albedo.pump(PHONG, 2), 3) == albedo.pump(PHONG, 5)
+    literal = albedo.pump(albedo.pump(PHONG, 2, "literal", goal=1e-9), 3, "literal")
+    assert literal == albedo.pump(PHONG, 5, "literal", goal=1e-9)
+    for first, last in ((None, "literal"), ("literal", None), ("cumulative", "cumulative")):
+        again = albedo.pump(albedo.pump(PHONG, 1, first), 1, last)
+        assert again.base == albedo.pump(PHONG, 1, first)
+    # No step keeps nothing.
+    assert albedo.pump(albedo.pump(PHONG, 0), 2, "cumulative") == albedo.pump(
+        PHONG, 2, "cumulative"
+    )
+    assert albedo.pump(PHONG, np.int64(2)) == albedo.pump(PHONG, 2)
+
+
+@pytest.mark.parametrize(("steps", "goal"), [(5, 1e-10), (20, 1e-10), (20, 1e-5)])
+@pytest.mark.parametrize("control", CONTROLS)
+def test_a_goal_is_met(control: str | None, steps: int, goal: float) -> None:
+    model = albedo.pump(PHONG, steps, control, goal=goal)
+    c = np.array([1.0, 0.7, 0.3, 0.03, 1e-3, 1e-6])
+    found = albedo.directional_albedo(model, c, rtol=goal)
+    assert np.all(found.converged)
+    assert np.all(found.error <= goal * found.value)
+    other = albedo.directional_albedo(albedo.pump(PHONG, steps, control), c)
+    assert np.all(np.abs(found.value - other.value) <= found.error + other.error)
 
 
 def test_a_dark_model_is_refused() -> None:
@@ -193,7 +220,7 @@ def test_a_dark_model_is_refused() -> None:
 
 def test_what_the_base_is_worth_is_in_the_bound() -> None:
     """A base whose numbers err by a part in a million makes a divisor that does."""
-    rough = albedo.pump(albedo.pump(PHONG, 1, rtol=1e-6), 1)
+    rough = Pumped(albedo.pump(PHONG, 1, rtol=1e-6), 1, None, None)
     found = albedo.directional_albedo(rough, COSINES, rtol=1e-4)
     inner = rough.base.parts()[0].doubt(None)
     assert inner > 1e-9

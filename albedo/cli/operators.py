@@ -20,6 +20,7 @@ from albedo.cli.options import (
 )
 from albedo.cli.screen import (
     compiling,
+    counted,
     new_table,
     print_rows,
     print_table,
@@ -43,7 +44,10 @@ def pump(
     ] = 0.0,
     rtol: Annotated[
         float | None,
-        typer.Option(help="Relative error asked for; by default 1e-8, or what tables can give."),
+        typer.Option(
+            help="Relative error asked for, of all that is divided by as well; by default 1e-8, or "
+            "what tables can give."
+        ),
     ] = None,
     draw: Annotated[
         bool, typer.Option("--plot", help="Draw the albedos of all steps as well.")
@@ -81,10 +85,11 @@ def pump(
     if base.channels is not None:
         raise InputError(f"pump takes one channel; {spec} has {base.channels}")
     cosines, angles = parse_incidence(cos, theta, default="0,15,30,45,60,75,85,89")
-    whole = albedo.pump(base, steps, control)
+    wanted = {} if rtol is None else {"goal": rtol}
+    whole = albedo.pump(base, steps, control, **wanted)
     goal = whole.usual_rtol if rtol is None else rtol
     azimuth = radians(phi)
-    stages = [albedo.pump(base, k, control) for k in range(whole.steps)] + [whole]
+    stages = [albedo.pump(base, k, control, **wanted) for k in range(whole.steps)] + [whole]
     rows: list[dict[str, Any]] = []
     curves = []
     grid = plotting.grazing_grid() if grazing else plotting.angle_grid()
@@ -93,10 +98,11 @@ def pump(
             found = albedo.directional_albedo(stage, cosines, azimuth, rtol=goal)
             for row in rows_of(str(spec), None, "albedo", found, cosines, angles, phi):
                 if row.get("part", "total") == "total":
-                    rows.append({"model": row.pop("model"), "step": k, **row})
+                    own = {"model": row.pop("model"), "step": k, "control": control or "none"}
+                    rows.append({**own, **row})
             if picture is not None:
                 drawn = albedo.directional_albedo(stage, grid, azimuth, rtol=max(goal, 1e-6))
-                label = f"{spec}, {k} step{'' if k == 1 else 's'}"
+                label = f"{spec}, {_said(k, control)}"
                 swept = ("steps", float(k))
                 curves.append(
                     plotting.Curve(label, spec.name, grid, drawn.value, drawn.error, swept)
@@ -104,15 +110,22 @@ def pump(
             advance(k + 1, len(stages))
     if numbers is not None:
         save_csv(pd.DataFrame(rows), numbers)
-        typer.echo(f"{numbers}: {len(rows)} albedos")
+        typer.echo(f"{numbers}: {counted(len(rows), 'albedo')}")
     if picture is not None:
         plotting.save_figure(plotting.draw(curves, grazing=grazing), picture)
-        typer.echo(f"{picture}: {len(curves)} curves")
+        typer.echo(f"{picture}: {counted(len(curves), 'curve')}")
     if numbers is None:
         for row in rows:
             row.pop("part", None)
             row["model"] = f"step {row.pop('step')}"
+            row.pop("control")
         print_rows(rows)
+
+
+def _said(steps: int, control: str | None) -> str:
+    """Steps and their control in words."""
+    kept = f", {control}" if control else ""
+    return f"{counted(steps, 'step')}{kept}"
 
 
 @app.command()
@@ -125,6 +138,13 @@ def radiance(
     phi: Annotated[
         float, typer.Option(metavar="DEGREES", help="Azimuth of the light, degrees.")
     ] = 0.0,
+    rtol: Annotated[
+        float | None,
+        typer.Option(
+            help="Relative error asked for of the albedos after all steps; by default 1e-8, or "
+            "what tables can give."
+        ),
+    ] = None,
     draw: Annotated[
         bool,
         typer.Option("--plot", help="Draw the output radiance in the plane of incidence as well."),
@@ -155,6 +175,9 @@ def radiance(
     spec = parse(model)
     if steps == 0 and control is not None:
         raise InputError("--control is how steps are kept; it goes with --steps.")
+    if steps == 0 and rtol is not None:
+        raise InputError("--rtol is what steps are to be worth; it goes with --steps.")
+    wanted = {} if rtol is None else {"goal": rtol}
     cosines, angles = parse_incidence(cos, theta, default="0,15,30,45,60,75,85,89")
     rows: list[dict[str, Any]] = []
     profiles = []
@@ -163,11 +186,12 @@ def radiance(
     with warnings_as_lines(), compiling(spec), progress("searching", total) as advance:
         for label, base in labelled(spec):
             for number, kind in enumerate(base.by_channel()):
-                lobe = albedo.pump(kind, steps, control) if steps else kind
+                lobe = albedo.pump(kind, steps, control, **wanted) if steps else kind
                 named = label if kind is base else f"{label}, channel {number}"
                 for c, angle in zip(cosines.tolist(), angles.tolist(), strict=True):
                     found = peak(lobe, c, turn)
-                    rows.append(_peak_row(named, steps, angle, c, phi, found))
+                    own = {"model": named, "steps": steps, "control": control or "none"}
+                    rows.append({**own, **_peak_row(angle, c, phi, found)})
                     if picture is not None:
                         view = plotting.view_grid(angle)
                         drawn = plane_radiance(lobe, c, view, phi=turn)
@@ -176,23 +200,20 @@ def radiance(
                     advance(min(len(rows), total), total)
     if numbers is not None:
         save_csv(pd.DataFrame(rows), numbers)
-        typer.echo(f"{numbers}: {len(rows)} peaks")
+        typer.echo(f"{numbers}: {counted(len(rows), 'peak')}")
     if picture is not None:
-        plotting.save_figure(plotting.draw_radiance(profiles, str(spec)), picture)
-        typer.echo(f"{picture}: {len(profiles)} curves")
+        title = f"{spec}, {_said(steps, control)}" if steps else str(spec)
+        plotting.save_figure(plotting.draw_radiance(profiles, title), picture)
+        typer.echo(f"{picture}: {counted(len(profiles), 'curve')}")
     if numbers is None:
         _print_peaks(rows)
 
 
-def _peak_row(
-    label: str, steps: int, angle: float, cos_theta: float, phi: float, found: Any
-) -> dict[str, Any]:
+def _peak_row(angle: float, cos_theta: float, phi: float, found: Any) -> dict[str, Any]:
     import math
 
     x, y = float(found.direction[0]), float(found.direction[1])
     return {
-        "model": label,
-        "steps": steps,
         "theta": angle,
         "cos_theta": cos_theta,
         "phi": phi,

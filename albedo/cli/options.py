@@ -242,7 +242,7 @@ def outputs(output: Path | None, draw: bool, default: str) -> tuple[Path | None,
         numbers = output
         picture = output.with_suffix(".png") if draw else None
     if numbers is not None:
-        check_output(numbers, (".csv",))
+        check_output(numbers, (".csv", *plotting.SUFFIXES))
     if picture is not None:
         check_output(picture, plotting.SUFFIXES)
     return numbers, picture

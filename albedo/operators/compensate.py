@@ -25,7 +25,8 @@ from albedo._compile import kernel
 from albedo.brdf import Kernel, Model, Parameter, Part
 from albedo.charts.heights import LOWEST
 from albedo.errors import InputError
-from albedo.operators.couple import check_model, check_rtol, part_of_lost, with_part
+from albedo.operators.asked import check_rtol
+from albedo.operators.couple import check_model, part_of_lost, with_part
 from albedo.operators.heights import HeightTable
 from albedo.operators.pump import pump
 from albedo.operators.surface import SurfaceTable, table_of

@@ -21,6 +21,7 @@ from albedo._compile import kernel
 from albedo.brdf import Color, Model, Parameter, Part
 from albedo.charts.heights import HeightsChart
 from albedo.errors import InputError
+from albedo.operators.asked import check_rtol
 from albedo.operators.heights import HeightTable
 from albedo.operators.surface import SurfaceTable, table_of
 from albedo.sampling.routines import COSINE
@@ -244,12 +245,6 @@ def check_model(model: object, operator: str) -> Model:
     if not isinstance(model, Model):
         raise InputError(f"{operator} needs a model, not {type(model).__name__}")
     return model
-
-
-def check_rtol(rtol: float | None) -> None:
-    """Raise InputError for what no table can be worth."""
-    if rtol is not None and not 1e-12 <= rtol <= 1e-3:
-        raise InputError(f"rtol = {rtol!r} is out of range; it lies in [1e-12, 1e-3]")
 
 
 def couple(specular: Model, diffuse_albedo: Any = 1.0, *, rtol: float | None = None) -> Coupled:

@@ -13,6 +13,7 @@ import numpy as np
 
 from albedo.brdf import Kernel, Model, Parameter, Part
 from albedo.errors import InputError
+from albedo.operators.asked import check_rtol
 from albedo.operators.curve import AlbedoCurve, albedo_curve, albedo_curves
 from albedo.operators.heights import HeightTable
 from albedo.operators.surface import TURNED, SurfaceTable, surface_table, table_of
@@ -326,8 +327,7 @@ def normalize(model: Model, at: str = "normal", *, rtol: float | None = None) ->
             f"the albedo of {model.spec} grows without limit towards grazing incidence; it has no "
             "largest value"
         )
-    if rtol is not None and not 1e-12 <= rtol <= 1e-3:
-        raise InputError(f"rtol = {rtol!r} is out of range; it lies in [1e-12, 1e-3]")
+    check_rtol(rtol)
     normalized = Normalized(model, at, rtol)
     for kind in normalized.by_channel():
         kind.parts()

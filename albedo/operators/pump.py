@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from numbers import Integral
 from types import MappingProxyType
 from typing import Any, Protocol
 
@@ -23,16 +24,21 @@ from albedo.charts.heights import LOWEST, folded
 from albedo.directions import spherical
 from albedo.errors import InputError
 from albedo.estimate import Estimate
+from albedo.operators.asked import check_rtol
 from albedo.operators.divisor import CONTROLS
 from albedo.operators.ladder import Ladder, ladder, rings_of
 from albedo.operators.stages import Stages, stages
 
 _MOST_STEPS = 100
-# What the albedos that are divided by are worth: the first of these that leaves an albedo less than
-# that share. The first mostly does for twenty steps.
-_OF_CURVES, _LEFT = (4e-10, 1e-10, 2.5e-11), 7e-9
-# What albedos that are divided by tables are worth, in what the tables were asked for.
-_FOLD = 1.2
+# What albedos are to be worth after all steps.
+_GOAL = 1e-8
+# What the albedos that are divided by are worth, as shares of that: the first of these that leaves
+# an albedo less than that share. The first mostly does for twenty steps.
+_OF_CURVES, _LEFT = (0.04, 0.01, 0.0025), 0.7
+_FINEST = 1e-12
+# What tables are asked for where another goal is set, and what albedos that are divided by them are
+# worth, in what they were asked for.
+_OF_TABLES, _FOLD = 0.3, 1.2
 
 
 class _Dividing(Protocol):
@@ -69,6 +75,8 @@ class Pumped(Model):
         See `pump`.
     rtol : float, optional
         What the albedos that the divisor reads were to be worth.
+    goal : float
+        What albedos are to be worth after all steps.
     """
 
     name = "pump"
@@ -77,14 +85,23 @@ class Pumped(Model):
     steps: int
     control: str | None
     rtol: float | None
+    goal: float
 
-    def __init__(self, base: Model, steps: int, control: str | None, rtol: float | None) -> None:
+    def __init__(
+        self,
+        base: Model,
+        steps: int,
+        control: str | None,
+        rtol: float | None,
+        goal: float = _GOAL,
+    ) -> None:
         super().__init__()
         values: dict[str, Any] = {
             "base": base,
             "steps": steps,
             "control": control,
             "rtol": rtol,
+            "goal": goal,
             "conserves_energy": steps > 0 or base.conserves_energy,
             "grazing_limit": base.grazing_limit,
             "references": ("neumann_pumping", *base.references),
@@ -95,7 +112,7 @@ class Pumped(Model):
         }
         kept = {"base": base.spec} if isinstance(base, Pumped) else {"base": base.name}
         own = {} if isinstance(base, Pumped) else dict(base.parameters)
-        said = {**kept, **own, "steps": steps, "control": control, "rtol": rtol}
+        said = {**kept, **own, "steps": steps, "control": control, "rtol": rtol, "goal": goal}
         values["parameters"] = MappingProxyType(said)
         for key, value in values.items():
             object.__setattr__(self, key, value)
@@ -112,7 +129,7 @@ class Pumped(Model):
 
     @property
     def _key(self) -> tuple[Any, ...]:
-        return self.base, self.steps, self.control, self.rtol
+        return self.base, self.steps, self.control, self.rtol, self.goal
 
     @property
     def spec(self) -> str:
@@ -128,11 +145,11 @@ class Pumped(Model):
         return self.base.channels
 
     def channel(self, index: int) -> Model:
-        return Pumped(self.base.channel(index), self.steps, self.control, self.rtol)
+        return Pumped(self.base.channel(index), *self._key[1:])
 
     def replace(self, **values: Any) -> Model:
         """A copy over a base with some parameters changed."""
-        return Pumped(self.base.replace(**values), self.steps, self.control, self.rtol)
+        return Pumped(self.base.replace(**values), *self._key[1:])
 
     @cached_property
     def _in_rings(self) -> bool:
@@ -143,12 +160,15 @@ class Pumped(Model):
     def usual_rtol(self) -> float:
         """The relative error that its albedos reach by default."""
         if self._in_rings or self.steps == 0:
-            return 1e-8
-        return max(_FOLD * self._of_tables.reach(self.steps), 1e-8)
+            return self.goal
+        return max(_FOLD * self._of_tables.reach(self.steps), self.goal)
 
     @property
     def _of_tables(self) -> Stages:
-        return stages(self.base, self.control, self.rtol, _of_stage)
+        rtol = self.rtol
+        if rtol is None and self.goal != _GOAL:
+            rtol = max(_OF_TABLES * self.goal, _FINEST)
+        return stages(self.base, self.control, rtol, _of_stage)
 
     @property
     def _steps(self) -> Ladder | Stages:
@@ -157,7 +177,9 @@ class Pumped(Model):
 
     @property
     def _ladder(self) -> Ladder:
-        for rtol in _OF_CURVES if self.rtol is None else (self.rtol,):
+        known = [max(share * self.goal, _FINEST) for share in _OF_CURVES]
+        enough = _LEFT * self.goal
+        for rtol in known if self.rtol is None else (self.rtol,):
             found = ladder(self.base, self.control, rtol)
             if len(found.curves) < self.steps:
                 with blas_in_one:
@@ -165,7 +187,7 @@ class Pumped(Model):
                         found.step()
             left = found.worst(self.steps)
             # Where not even the best of them does, the first is as good.
-            if left <= _LEFT or left * _OF_CURVES[-1] > _LEFT * rtol:
+            if left <= enough or left * known[-1] > enough * rtol:
                 break
         return found
 
@@ -343,8 +365,22 @@ def _is_ring(part: Part) -> bool:
     return True
 
 
+def _is_one(first: Pumped, steps: int, control: str | None) -> bool:
+    """Whether two operators are one of more steps.
+
+    Each step divides by what it is told alone. Only what keeps the product of all begins anew.
+    """
+    alike = first.control == control != "cumulative" or 0 in (first.steps, steps)
+    return alike and first.steps + steps <= _MOST_STEPS
+
+
 def pump(
-    model: Model, steps: int = 1, control: str | None = None, *, rtol: float | None = None
+    model: Model,
+    steps: int = 1,
+    control: str | None = None,
+    *,
+    rtol: float | None = None,
+    goal: float = _GOAL,
 ) -> Pumped:
     """Pump a model up: divide it by a symmetric function of its albedo, again and again.
 
@@ -359,10 +395,14 @@ def pump(
         larger (eq. 21); or the first, but the product of all divisors is at least
         max(n.l, n.v).
     rtol : float, optional
-        What the albedos that are divided by are to be worth. By default 4e-10, or less where that
-        leaves more than 7e-9 in an albedo of n.l above a millionth; where they depend on the
-        azimuth, or a part of an isotropic model has no rings, 3e-10 for the first and 3e-9 for
-        later ones. The error that they leave in the result is part of its bound.
+        What the albedos that are divided by are to be worth, from 1e-12 to 1e-3. By default what
+        the goal takes: a 25th of it, or less where that leaves more than seven tenths of it in an
+        albedo of n.l above a millionth; where they depend on the azimuth, or a part of an
+        isotropic model has no rings, 3e-10 for the first and 3e-9 for later ones, or three tenths
+        of a goal of your own. The error that they leave in the result is part of its bound.
+    goal : float
+        What albedos are to be worth after all steps, relatively, from 1e-12 to 1e-3: ask
+        `albedo.directional_albedo` for the same. Where it is out of reach their bounds say so.
 
     Returns
     -------
@@ -386,17 +426,18 @@ def pump(
         raise InputError(f"pump needs a model, not {type(model).__name__}")
     if not model.reciprocal:
         raise InputError(f"{model.spec} is not symmetric in its directions; pumping-up needs that")
-    if not isinstance(steps, int) or isinstance(steps, bool) or not 0 <= steps <= _MOST_STEPS:
-        raise InputError(f"steps = {steps!r} is out of range; it lies in [0, {_MOST_STEPS}]")
+    if isinstance(steps, bool) or not isinstance(steps, Integral) or not 0 <= steps <= _MOST_STEPS:
+        raise InputError(f"steps = {steps!r} is no whole number in [0, {_MOST_STEPS}]")
+    steps = int(steps)
     if control not in CONTROLS:
         raise InputError(f"control = {control!r} is unknown; choose None, literal or cumulative")
-    if rtol is not None and not 1e-12 <= rtol <= 1e-3:
-        raise InputError(f"rtol = {rtol!r} is out of range; it lies in [1e-12, 1e-3]")
+    check_rtol(rtol)
+    check_rtol(goal, "goal")
+    if isinstance(model, Pumped) and _is_one(model, steps, control):
+        worth = [value for value in (model.rtol, rtol) if value is not None]
+        least, kept = min(worth, default=None), control if steps else model.control
+        return Pumped(model.base, model.steps + steps, kept, least, min(model.goal, goal))
     if isinstance(model, Pumped) and not model._in_rings:
-        if model.control is None and control is None:
-            # Both divide by albedos alone: they are one operator of more steps.
-            worth = [value for value in (model.rtol, rtol) if value is not None]
-            return pump(model.base, model.steps + steps, rtol=min(worth, default=None))
         raise InputError(f"{model.spec} can be pumped up again without control only")
     for kind in model.by_channel():
         for part in kind.parts():
@@ -405,4 +446,4 @@ def pump(
                     f"{kind.spec} cannot be pumped up: nothing is declared of where its "
                     f"{part.name} part lies"
                 )
-    return Pumped(model, steps, control, rtol)
+    return Pumped(model, steps, control, rtol, goal)
