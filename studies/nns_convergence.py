@@ -5,11 +5,13 @@ and that the first step turns any symmetric function into a BRDF that conserves 
 
 Convergence is measured where it is slowest: by the largest 1 - a over all angles up to a cosine of
 0.01, up to 1e-6, and in the limit of grazing incidence. A power of the number of steps is read off
-the last doubling of that number.
+the last doubling of that number. At a fixed angle it is told by the share of 1 - a that a step
+leaves, as far as the bounds can tell.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import TYPE_CHECKING, Any
 
@@ -37,6 +39,10 @@ STUDY = Study(
 
 PUMPED = (("phong", "Phong, n = 20", "phong:n=20"), ("blinn", "Blinn, n = 20", "blinn:n=20"))
 RANGES = (("cos_0.01", "cosines from 0.01 on", 0.01), ("cos_1e-6", "cosines from 1e-6 on", 0.0))
+# Angles of incidence in degrees at which 1 - a is followed.
+ANGLES = (30.0, 60.0, 80.0, 88.0)
+# What is lost is known when it is so many times its bound.
+KNOWN = 20.0
 # Models that make light somewhere.
 BRIGHT = (
     ("Ward, m = 0.1", "ward:m=0.1"),
@@ -69,12 +75,14 @@ def converge(context: Context) -> None:
     steps = 32 if context.full else 6
     rows: list[dict[str, Any]] = []
     powers: dict[str, dict[str, tuple[float, float]]] = {}
+    fixed: list[pd.DataFrame] = []
     for column, label, spec in PUMPED:
         data = pumping.series(
             parse(spec).model(), steps, cosines=grid(context), advance=context.progress
         )
         own = [worst(data, k) for k in range(steps + 1)]
         rows += [{"model": label, "step": k, **row} for k, row in enumerate(own)]
+        fixed.append(at_angles(data, label))
         powers[column] = {
             key: power(own, key, steps) for key in (*(key for key, _, _ in RANGES), "limit")
         }
@@ -83,8 +91,18 @@ def converge(context: Context) -> None:
     context.figure(
         "convergence_figure",
         draw(frame),
-        "The largest 1 - a against the number of steps; grey: its inverse.",
+        "The largest 1 - a against the number of steps k; grey: 0.6/k.",
     )
+    rates = pd.concat(fixed, ignore_index=True)
+    context.table("rates", rates, "1 - a at fixed angles after each step, and what a step leaves")
+    context.figure(
+        "rates_figure",
+        draw_rates(rates),
+        "1 - a at fixed angles and in the limit of grazing incidence, where it exceeds its bound. "
+        "What falls by the same factor with every step is a line here.",
+    )
+    for _, label, _ in PUMPED:
+        context.note(_in_words(rates[rates["model"] == label], label))
     for column, label, _ in PUMPED:
         last = frame[(frame["model"] == label) & (frame["step"] == steps)].iloc[0]
         context.note(
@@ -118,6 +136,53 @@ def converge(context: Context) -> None:
             )
 
 
+def at_angles(data: pumping.Series, label: str) -> pd.DataFrame:
+    """1 - a at fixed angles after each step, and the share of it that the step leaves."""
+    rows: list[dict[str, Any]] = []
+    theta = np.degrees(np.arccos(data.cosines))
+    for angle in (*ANGLES, 90.0):
+        k = int(np.argmin(np.abs(theta - angle)))
+        value, error = data.value[:, k], data.error[:, k]
+        if angle == 90.0:
+            value, error = data.limit, data.limit_error
+        lost = 1.0 - value
+        for step in range(1, data.steps + 1):
+            before, bound = lost[step - 1], error[step - 1]
+            share = lost[step] / before if before > bound else math.nan
+            known = lost[step] > KNOWN * error[step]
+            doubt = (error[step] + share * bound) / (before - bound) if known else math.inf
+            rows.append(
+                {
+                    "model": label,
+                    "theta_deg": angle,
+                    "step": step,
+                    "lost": lost[step],
+                    "lost_error": error[step],
+                    "left_of_last": share if known else math.nan,
+                    "left_of_last_error": doubt if known else math.nan,
+                }
+            )
+    return pd.DataFrame(rows)
+
+
+def _in_words(rates: pd.DataFrame, label: str) -> str:
+    """What steps leave at fixed angles: the first and the last of which that is known."""
+    told = []
+    for angle in (*ANGLES, 90.0):
+        own = rates[(rates["theta_deg"] == angle) & rates["left_of_last"].notna()]
+        ends = [
+            f"step {row['step']} leaves "
+            f"{format_value(row['left_of_last'], row['left_of_last_error'])}"
+            for _, row in own.iloc[[0, -1]].iterrows()
+        ]
+        where = "in the limit of grazing incidence" if angle == 90.0 else f"at {angle:g}°"
+        told.append(
+            f"{where} {ends[0]} of 1 - a and {ends[1]}, the least of all being "
+            f"{own['left_of_last'].min():.2g} and the most {own['left_of_last'].max():.2g}"
+        )
+    return f"{label}, as far as bounds tell 1 - a to a twentieth: {'; '.join(told)}."
+
+
 def worst(data: pumping.Series, step: int) -> dict[str, float]:
     """The largest 1 - a of a step over each range of cosines, and in the limit."""
     row = {}
@@ -142,28 +207,31 @@ def gains(context: Context) -> None:
     steps = 5 if context.full else 2
     exponents = np.geomspace(1.0, 1e4, 13 if context.full else 3)
     rows = []
-    for done, n in enumerate(exponents):
-        context.progress(done, len(exponents), f"gains for n = {n:g}")
-        data = pumping.series(albedo.model("phong", n=n), steps, cosines=grid(context))
+    for done, (n, name) in enumerate(itertools.product(exponents, ("phong", "blinn"))):
+        context.progress(done, 2 * len(exponents), f"gains of {name} for n = {n:g}")
+        data = pumping.series(albedo.model(name, n=n), steps, cosines=grid(context))
         table = pumping.steps_frame(data)
         table.insert(0, "n", n)
+        table.insert(0, "model", name)
         rows.append(table)
     frame = pd.concat(rows, ignore_index=True)
-    context.table("gains", frame, "Phong, recursively: what each step gains and what is lost")
-    for key, statement, quantity in (
-        ("smallest_gain", "every step gains light: a < a*", "smallest a* - a"),
-        ("smallest_loss", "no step makes light: a* < 1", "smallest 1 - a*"),
-    ):
-        _, value, error = pumping.least(frame[key].to_numpy(), frame[f"{key}_error"].to_numpy())
-        context.claim(
-            "N6",
-            f"Phong with n from 1 to 10,000: {statement}.",
-            value=value,
-            error=error,
-            criterion="> 0",
-            quantity=f"{quantity} of {steps} steps, from 10 degrees to a cosine of 1e-6",
-            table="gains",
-        )
+    context.table("gains", frame, "Recursively: what each step gains and what is lost")
+    for name in ("phong", "blinn"):
+        own = frame[frame["model"] == name]
+        for key, statement, quantity in (
+            ("smallest_gain", "every step gains light: a < a*", "smallest a* - a"),
+            ("smallest_loss", "no step makes light: a* < 1", "smallest 1 - a*"),
+        ):
+            _, value, error = pumping.least(own[key].to_numpy(), own[f"{key}_error"].to_numpy())
+            context.claim(
+                "N6",
+                f"{name.capitalize()} with n from 1 to 10,000: {statement}.",
+                value=value,
+                error=error,
+                criterion="> 0",
+                quantity=f"{quantity} of {steps} steps, from 10 degrees to a cosine of 1e-6",
+                table="gains",
+            )
     # One row for each of both: where its bound leaves least.
     least = [
         frame.loc[(frame[key] - frame[f"{key}_error"]).idxmin()]
@@ -180,11 +248,11 @@ def gains(context: Context) -> None:
         "each step makes the albedo flatter, and what is lost near the normal falls by a large "
         "factor each time. After the first step the smallest loss from 10 degrees on is "
         f"{first['smallest_loss'].min():.1e}; after {steps} it is "
-        f"{least[1]['smallest_loss']:.1e} at n = {least[1]['n']:.3g}, where the bound is "
-        f"{least[1]['smallest_loss_error']:.1e}, and the smallest gain is "
-        f"{least[0]['smallest_gain']:.1e} at n = {least[0]['n']:.3g}, with a bound of "
-        f"{least[0]['smallest_gain_error']:.1e}. Where a number is less than its bound it cannot "
-        "tell more.",
+        f"{least[1]['smallest_loss']:.1e} with {least[1]['model']}:n={least[1]['n']:.3g}, where "
+        f"the bound is {least[1]['smallest_loss_error']:.1e}, and the smallest gain is "
+        f"{least[0]['smallest_gain']:.1e} with {least[0]['model']}:n={least[0]['n']:.3g}, with a "
+        f"bound of {least[0]['smallest_gain_error']:.1e}. Where a number is less than its bound it "
+        "cannot tell more.",
     )
 
 
@@ -300,4 +368,27 @@ def draw(frame: pd.DataFrame) -> Figure:
         axes.set_ylim(0.8 * low, 1.05)
         axes.minorticks_off()
         plotting.add_legend(figure, axes, columns=2)
+    return figure
+
+
+def draw_rates(rates: pd.DataFrame) -> Figure:
+    """1 - a at fixed angles against the number of steps."""
+    labels = list(dict.fromkeys(rates["model"]))
+    angles = sorted(set(rates["theta_deg"]))
+    with plotting.style():
+        figure, panels = plotting.new_figure(len(labels), 7.5, 3.4)
+        for axes, label in zip(panels, labels, strict=True):
+            for angle, look in zip(angles, pumping.looks(len(angles)), strict=True):
+                own = rates[(rates["model"] == label) & (rates["theta_deg"] == angle)]
+                own = own[own["lost"] > own["lost_error"]]
+                name = "grazing limit" if angle == 90.0 else f"{angle:g}°"
+                axes.plot(own["step"], own["lost"], marker="o", markersize=2.5, label=name, **look)
+            axes.set_yscale("log")
+            axes.set_title(label, loc="left")
+            axes.set_xlabel("steps k")
+            if axes is not panels[0]:
+                axes.sharey(panels[0])
+                axes.tick_params(labelleft=False)
+        panels[0].set_ylabel("1 - albedo")
+        plotting.add_legend(figure, panels[0], columns=len(angles))
     return figure
