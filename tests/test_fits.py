@@ -81,6 +81,16 @@ def test_relative_errors_and_two_channels() -> None:
     assert abs(0.25 * a + b - whole) <= 1.25 * 0.01
 
 
+@pytest.mark.parametrize("form", ["polynomial", "rational"])
+def test_a_constant_has_a_formula(form: str) -> None:
+    """Any denominator will do for it, which no equation tells."""
+    for model in (albedo.compensate(ggx(m=0.3), "kulla_conty"), albedo.model("lambert", rho=0.3)):
+        found = albedo.fit(model, error=1e-6, form=form)
+        known = albedo.directional_albedo(model, 0.4)
+        assert abs(float(found(cos_theta=0.4)) - known.value) <= found.worst + known.error
+        assert found.worst <= 1e-6
+
+
 def program(found: Fit, header: Path) -> str:
     name = "albedo_cook_torrance_" + found.form
     return f"""#include <stdio.h>

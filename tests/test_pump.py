@@ -237,6 +237,17 @@ def test_a_goal_is_met(control: str | None, steps: int, goal: float) -> None:
     assert np.all(np.abs(found.value - other.value) <= found.error + other.error)
 
 
+def test_albedos_of_steps_are_told_over_azimuths() -> None:
+    base = albedo.model("ward", alpha_x=0.4, alpha_y=0.2)
+    model = albedo.pump(base, 1, goal=1e-3)
+    c, phi = np.array([0.8, 0.3]), np.array([0.2, 1.1])
+    for k, stage in enumerate((base, model)):
+        found = model.albedo_before(k, c, phi)
+        known = albedo.directional_albedo(stage, c, phi, rtol=1e-3)
+        assert np.all(np.abs(found.value - known.value) <= found.error + known.error)
+        assert np.all(found.error <= 1e-3 * found.value)
+
+
 def test_a_dark_model_is_refused() -> None:
     with pytest.raises(InputError, match="not above 0"):
         albedo.directional_albedo(albedo.pump(albedo.model("lambert", rho=0.0)), 0.5)
@@ -340,7 +351,10 @@ def test_albedos_of_steps_are_had_without_integrals(
         assert np.all(np.abs(read.value - known.value) <= read.error + known.error)
         assert np.all(read.error <= 1e-8 * read.value)
     with pytest.raises(InputError, match="step = "):
-        model.albedo_before(steps + 1, COSINES)
+        model.albedo_before(steps + 2, COSINES)
+    own = model.albedo_before(steps + 1, COSINES)
+    known = albedo.directional_albedo(model, COSINES)
+    assert np.all(np.abs(own.value - known.value) <= own.error + known.error)
     with pytest.raises(InputError, match="cos_theta must lie"):
         model.albedo_before(0, np.array([0.0]))
 

@@ -360,6 +360,12 @@ class _Fitting:
                 best = worst, top, bottom
             weight *= off / max(worst, 1e-300) + 1e-3
             weight /= weight.mean()
+        if not math.isfinite(best[0]) and columns is not basis:
+            # What is a polynomial already leaves its denominator to chance.
+            factor = np.full(values.size, scale)
+            top = np.linalg.lstsq(basis * factor[:, None], values * factor, rcond=1e-14)[0]
+            worst = float((np.abs(basis @ top - values) * scale).max())
+            best = worst, top, np.eye(1, len(powers))[0]
         if not math.isfinite(best[0]):
             return np.zeros(len(powers)), np.eye(1, len(powers))[0], math.inf
         return _monomials(powers, best[1]), _monomials(powers, best[2]), best[0]

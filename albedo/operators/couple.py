@@ -83,8 +83,8 @@ def part_of_lost(
     average, wide = table.average
     if average <= 2.0 * wide:
         raise InputError(
-            f"{model.spec} reflects all light, or loses less of it than is known (on average "
-            f"{average:.1g} +- {wide:.1g}); nothing is left to send on"
+            f"{model.spec} reflects all light, or loses less of it than is known (at most "
+            f"{average + wide:.1g} on average); nothing is left to send on"
         )
     if share == 0.0:
         return None

@@ -15,6 +15,7 @@ from types import MappingProxyType
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from albedo._compile import is_kernel
 from albedo._threads import blas_in_one
@@ -200,33 +201,39 @@ class Pumped(Model):
         """
         return tuple(self._steps.albedos(self.steps))
 
-    def albedo_before(self, step: int, cos_theta: np.ndarray) -> Estimate:
-        """The albedo that a step divides by, as it was computed for it: no further integral.
+    def albedo_before(self, step: int, cos_theta: ArrayLike, phi: ArrayLike = 0.0) -> Estimate:
+        """The albedo a_k before a step, or after the last one.
+
+        Where the steps are curves, those that they divide by are read, without a further integral.
 
         Parameters
         ----------
         step : int
-            From 0, the base, to one less than the steps of the model.
-        cos_theta : array_like
-            Cosines of incidence in [2^-64, 1].
+            From 0, the base, to as many as the model has, which is its own albedo.
+        cos_theta, phi : array_like
+            Cosines of incidence in [2^-64, 1], and azimuths in radians.
 
         Returns
         -------
         Estimate
-            Its errors are those of the curve, and what all curves before err by.
+            Errors of a curve are its own, and what all curves before err by.
 
         Raises
         ------
         InputError
-            For steps and cosines out of range, and where albedos depend on more than the height.
+            For steps and cosines out of range.
         """
-        if not isinstance(step, int) or not 0 <= step < self.steps:
-            raise InputError(f"step = {step!r} is out of range; it lies in [0, {self.steps - 1}]")
-        if not self._in_rings:
-            raise InputError(f"{self.spec} has no curves of albedos, but tables: see its albedos")
+        if isinstance(step, bool) or not isinstance(step, Integral) or not 0 <= step <= self.steps:
+            raise InputError(f"step = {step!r} is no whole number in [0, {self.steps}]")
         c = np.asarray(cos_theta, dtype=np.float64)
         if not np.all((c >= LOWEST) & (c <= 1.0)):
             raise InputError(f"cos_theta must lie in [{LOWEST:.3g}, 1]")
+        if step == self.steps or not self._in_rings:
+            from albedo.quadrature import directional_albedo
+
+            stage = Pumped(self.base, int(step), *self._key[2:])
+            return directional_albedo(stage, c, phi, rtol=stage.usual_rtol)
+        c, _ = np.broadcast_arrays(c, np.asarray(phi, dtype=np.float64))
         found = self._ladder
         curve = found.curves[step]
         value, passed = curve(c), found.average(step, np.ravel(c)).reshape(c.shape)
