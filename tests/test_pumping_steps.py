@@ -24,6 +24,9 @@ def test_a_series_holds_the_albedos_of_its_stages(steps: pumping.Series) -> None
         assert np.all(np.abs(found.value - steps.value[k]) <= found.error + steps.error[k])
         end = albedo.directional_albedo(stage, 1e-12)
         assert abs(end.value - steps.limit[k]) <= end.error + steps.limit_error[k]
+    top = steps.most_gained(2, 0)
+    assert top.value >= np.max(steps.gain(2, 0)[0]) - top.error
+    assert 1e-3 <= top.cos_theta <= 1.0
     gain, error = steps.gain(2, 0)
     np.testing.assert_allclose(gain, steps.value[2] - steps.value[0], rtol=0, atol=0)
     np.testing.assert_allclose(error, steps.error[2] + steps.error[0], rtol=0, atol=0)

@@ -281,10 +281,7 @@ def _say_controlled(
     half = int(np.argmin(np.abs(data.cosines - 0.5)))
     shown = range(min(STEPS, data.steps) + 1)
     last, doubt = pumping.worthwhile(data)
-    late = [
-        pumping.most(*data.gain(k, gains_from - 1))[1:] for k in range(gains_from, data.steps + 1)
-    ]
-    gain, error = max(late)
+    late = data.most_gained(data.steps, gains_from - 1)
     context.note(
         f"{control.capitalize()}, where {READINGS[control]}: the albedo at 60 degrees is "
         + ", ".join(format_value(data.value[k, half], data.error[k, half]) for k in shown)
@@ -297,7 +294,7 @@ def _say_controlled(
         + ("" if not doubt else f" or one of the {doubt} after it")
         + (
             f" of {data.steps}. After step {gains_from - 1} it rises by at most "
-            f"{format_value(gain, error)} more in all."
+            f"{format_value(late.value, late.error)} more in all, at {late.theta_deg:.4g}°."
         )
     )
 

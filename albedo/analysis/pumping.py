@@ -80,6 +80,16 @@ class Series:
         first = step - 1 if before is None else before
         return self.value[step] - self.value[first], self.error[step] + self.error[first]
 
+    def most_gained(self, step: int, before: int) -> Top:
+        """The most that the albedo has risen by, at any cosine between those of the series."""
+        stage = self.stages[-1]
+
+        def gain(c: float) -> tuple[float, float]:
+            later, earlier = (stage.albedo_before(k, c) for k in (step, before))
+            return float(later.value - earlier.value), float(later.error + earlier.error)
+
+        return top_of(gain, self.cosines)
+
     def at(self, cos_theta: float) -> np.ndarray:
         """Places of the incidences that are not above a cosine."""
         return np.flatnonzero(self.cosines <= cos_theta)
