@@ -356,13 +356,17 @@ class Peaks:
         return np.array([(p.value, p.error) for p in self.found[step]]).T
 
     def frame(self) -> pd.DataFrame:
-        """One row for every step and incidence."""
+        """One row for every step and every other incidence, and those of the largest of all."""
         import pandas as pd
 
+        tops = [top.cos_theta for top in self.tops.values()]
+        told = np.isin(self.cosines, tops)
+        told[::2] = told[-1] = True
         rows = []
         for k, found in self.found.items():
             columns = self.relative(k), self.over_base(k), self.beside_mirror(k)
-            for n, item in enumerate(found):
+            for n in np.flatnonzero(told).tolist():
+                item = found[n]
                 row = {
                     "step": k,
                     "theta_deg": np.degrees(np.arccos(self.cosines[n])),

@@ -797,6 +797,8 @@ def check() -> None:
 
 GGX = "cook_torrance:m=0.3,distribution=ggx,geometry=smith_correlated"
 COSINES = (0.9, 0.5, 0.1, 1e-3)
+# Of some models, because it takes minutes.
+GRAZING = 1e-6
 # Towards the light, and off the mirror direction.
 RETRO = "lafortune:lobes=((0.9,0.9,0.9,10))"
 LEANING = "lafortune:lobes=((-0.9,-0.9,0.6,5))"
@@ -804,10 +806,10 @@ LEANING = "lafortune:lobes=((-0.9,-0.9,0.6,5))"
 
 def table() -> Iterator[Row]:
     """The wanted rows."""
-    yield from _grid("phong:n=20", ("none", "cumulative"))
+    yield from _grid("phong:n=20", ("none", "cumulative"), (*COSINES, GRAZING))
     yield from _grid("phong:n=2", ("none", "cumulative"))
-    yield from _grid("blinn:n=20", CONTROLS)
-    yield from _grid("ward:m=0.4", CONTROLS)
+    yield from _grid("blinn:n=20", CONTROLS, (*COSINES, GRAZING))
+    yield from _grid("ward:m=0.4", CONTROLS, (*COSINES, GRAZING))
     yield from _grid("oren_nayar:sigma=0.3", CONTROLS)
     yield from _grid("max_phong:n=20", CONTROLS)
     yield from _grid(GGX, CONTROLS)
@@ -817,11 +819,13 @@ def table() -> Iterator[Row]:
         yield Row(LEANING, "cumulative", 1, cos_theta)
 
 
-def _grid(model: str, controls: tuple[str, ...]) -> Iterator[Row]:
+def _grid(
+    model: str, controls: tuple[str, ...], cosines: tuple[float, ...] = COSINES
+) -> Iterator[Row]:
     """One and two steps, all cosines."""
     for control in controls:
         for steps in (1, 2):
-            for cos_theta in COSINES:
+            for cos_theta in cosines:
                 yield Row(model, control, steps, cos_theta)
 
 
