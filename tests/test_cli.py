@@ -455,6 +455,9 @@ def test_radiance_prints_peaks_and_writes_numbers_and_pictures(tmp_path: Path) -
         assert float(row["from_mirror"]) == 0.0
         assert abs(float(row["view_phi"]) + 150.0) <= 1e-12
     assert (tmp_path / "phong.png").stat().st_size > 10_000
+    assert "phong, 1 step, literal" in run(
+        *("radiance", "phong", "--steps", "1", "--control", "literal", "--theta", "60")
+    ).stdout.replace("\n", " ")
     assert "∞" in run("radiance", "ward:m=0.2", "--theta", "60").stdout
     picture = tmp_path / "sweep.svg"
     sweep = ("ward_bounded:m=[.1,.3]", "--theta", "30,60", "-o", str(picture))

@@ -235,10 +235,13 @@ def _print_peaks(rows: list[dict[str, Any]]) -> None:
     table = new_table(*heads, "in mirror direction", "degrees from it", right=True)
     last = None
     for row in rows:
-        if last is not None and row["model"] != last:
+        label, steps = row["model"], row["steps"]
+        if steps:
+            label += f", {_said(steps, None if row['control'] == 'none' else row['control'])}"
+        if last is not None and label != last:
             table.add_section()
         table.add_row(
-            "" if row["model"] == last else row["model"],
+            "" if label == last else label,
             short(row["theta"]),
             short(row["cos_theta"]),
             format_value(row["peak"], row["peak_error"]),
@@ -247,5 +250,5 @@ def _print_peaks(rows: list[dict[str, Any]]) -> None:
             format_value(row["at_mirror"], row["at_mirror_error"]),
             "any" if row["direction_error"] > 90.0 else f"{row['from_mirror']:.4f}",
         )
-        last = row["model"]
+        last = label
     print_table(table)
