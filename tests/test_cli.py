@@ -399,7 +399,7 @@ def test_pump_prints_every_step_and_writes_numbers_and_pictures(tmp_path: Path) 
     assert (tmp_path / "phong.png").stat().st_size > 10_000
 
 
-@pytest.mark.parametrize("rtol", ["1e-10", "1e-4"])
+@pytest.mark.parametrize("rtol", ["1e-10", "1e-4", "0.01"])
 def test_pump_gives_what_is_asked_for(tmp_path: Path, rtol: str) -> None:
     numbers = tmp_path / "steps.csv"
     arguments = ("phong:n=20", "--steps", "4", "--rtol", rtol, "--cos", "0.7,0.1,1e-6")
@@ -417,7 +417,8 @@ def test_pump_gives_what_is_asked_for(tmp_path: Path, rtol: str) -> None:
     [
         (("phong_original",), "not symmetric"),
         (("phong", "--steps", "-1"), "steps = -1 is no whole number in [0, 100]"),
-        (("phong", "--rtol", "1e-15"), "goal = 1e-15 is out of range"),
+        (("phong", "--rtol", "1e-15"), "rtol = 1e-15 is below what float64 can meet"),
+        (("phong", "--rtol", "nan"), "rtol = nan is out of range"),
         (("phong", "--control", "soft"), "control = 'soft' is unknown"),
         (("phong:n=[1,2]",), "takes one model"),
         (("phong", "-o", "albedo.txt"), "albedo.txt"),
@@ -470,6 +471,7 @@ def test_radiance_prints_peaks_and_writes_numbers_and_pictures(tmp_path: Path) -
         (("phong_original", "--steps", "1"), "not symmetric"),
         (("phong", "--control", "literal"), "goes with --steps"),
         (("phong", "--rtol", "1e-6"), "goes with --steps"),
+        (("phong", "--steps", "1", "--rtol", "2"), "--rtol = 2.0 is out of range"),
         (("phong", "--cos", "0"), "cos_theta = 0.0 is out of range"),
         (("phong", "--cos", "1", "--theta", "0"), "choose one"),
         (("phong", "-o", "peaks.txt"), "peaks.txt"),

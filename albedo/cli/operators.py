@@ -76,6 +76,7 @@ def pump(
     from albedo import plotting
     from albedo.files import save_csv
     from albedo.grammar import parse
+    from albedo.operators.asked import COARSEST, FINEST
 
     numbers, picture = outputs(output, draw, "pump.png")
     spec = parse(model)
@@ -85,7 +86,8 @@ def pump(
     if base.channels is not None:
         raise InputError(f"pump takes one channel; {spec} has {base.channels}")
     cosines, angles = parse_incidence(cos, theta, default="0,15,30,45,60,75,85,89")
-    wanted = {} if rtol is None else {"goal": rtol}
+    # Divisors are worth no more and no less than that; what is asked of results may be.
+    wanted = {} if rtol is None else {"goal": max(FINEST, min(COARSEST, rtol))}
     whole = albedo.pump(base, steps, control, **wanted)
     goal = whole.usual_rtol if rtol is None else rtol
     azimuth = radians(phi)
@@ -170,6 +172,7 @@ def radiance(
     from albedo.analysis.radiance import peak, plane_radiance
     from albedo.files import save_csv
     from albedo.grammar import parse
+    from albedo.operators.asked import check_rtol
 
     numbers, picture = outputs(output, draw, "radiance.png")
     spec = parse(model)
@@ -177,6 +180,7 @@ def radiance(
         raise InputError("--control is how steps are kept; it goes with --steps.")
     if steps == 0 and rtol is not None:
         raise InputError("--rtol is what steps are to be worth; it goes with --steps.")
+    check_rtol(rtol, "--rtol")
     wanted = {} if rtol is None else {"goal": rtol}
     cosines, angles = parse_incidence(cos, theta, default="0,15,30,45,60,75,85,89")
     rows: list[dict[str, Any]] = []

@@ -7,6 +7,9 @@ from typing import Any
 
 from albedo.errors import InputError
 
+FINEST, COARSEST = 1e-12, 1e-3
+"""What tables may be asked to be worth, relatively."""
+
 
 def check_rtol(rtol: Any, name: str = "rtol") -> None:
     """Raise InputError for what no table can be worth; None asks for nothing.
@@ -25,5 +28,7 @@ def check_rtol(rtol: Any, name: str = "rtol") -> None:
     """
     if rtol is None:
         return
-    if isinstance(rtol, bool) or not isinstance(rtol, Real) or not 1e-12 <= float(rtol) <= 1e-3:
-        raise InputError(f"{name} = {rtol!r} is out of range; it is a number in [1e-12, 1e-3]")
+    number = isinstance(rtol, Real) and not isinstance(rtol, bool)
+    if not number or not FINEST <= float(rtol) <= COARSEST:
+        ends = f"[{FINEST:g}, {COARSEST:g}]"
+        raise InputError(f"{name} = {rtol!r} is out of range; it is a number in {ends}")

@@ -25,7 +25,7 @@ from albedo.charts.heights import LOWEST, folded
 from albedo.directions import spherical
 from albedo.errors import InputError
 from albedo.estimate import Estimate
-from albedo.operators.asked import check_rtol
+from albedo.operators.asked import FINEST, check_rtol
 from albedo.operators.divisor import CONTROLS
 from albedo.operators.ladder import Ladder, ladder, rings_of
 from albedo.operators.stages import Stages, stages
@@ -36,7 +36,6 @@ _GOAL = 1e-8
 # What the albedos that are divided by are worth, as shares of that: the first of these that leaves
 # an albedo less than that share. The first mostly does for twenty steps.
 _OF_CURVES, _LEFT = (0.04, 0.01, 0.0025), 0.7
-_FINEST = 1e-12
 # What tables are asked for where another goal is set, and what albedos that are divided by them are
 # worth, in what they were asked for.
 _OF_TABLES, _FOLD = 0.3, 1.2
@@ -168,7 +167,7 @@ class Pumped(Model):
     def _of_tables(self) -> Stages:
         rtol = self.rtol
         if rtol is None and self.goal != _GOAL:
-            rtol = max(_OF_TABLES * self.goal, _FINEST)
+            rtol = max(_OF_TABLES * self.goal, FINEST)
         return stages(self.base, self.control, rtol, _of_stage)
 
     @property
@@ -178,7 +177,7 @@ class Pumped(Model):
 
     @property
     def _ladder(self) -> Ladder:
-        known = [max(share * self.goal, _FINEST) for share in _OF_CURVES]
+        known = [max(share * self.goal, FINEST) for share in _OF_CURVES]
         enough = _LEFT * self.goal
         for rtol in known if self.rtol is None else (self.rtol,):
             found = ladder(self.base, self.control, rtol)
