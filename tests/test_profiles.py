@@ -130,19 +130,21 @@ def test_slices_that_only_l_divides_are_divided_as_a_whole(model: Model, control
 
 def test_rows_are_chosen_extended_and_replaced() -> None:
     model = MODELS[0]
-    profiles, other = profiles_of(model), profiles_of(model, 1e-9)
-    known, _ = total(profiles)
-    some = profiles.rows(np.array([3, 1]))
+    some, profiles, other = profiles_of(model), profiles_of(model), profiles_of(model, 1e-9)
+    known, coarse = total(profiles)[0], total(other)[0]
+    some.keep(np.array([3, 1]))
     value, _, _ = some.sums(0, np.log(COSINES[[3, 1]]))
     np.testing.assert_allclose(value, known[[3, 1]], rtol=1e-15)
     some.extend(profiles)
     value, _, _ = some.sums(0, np.log(np.concatenate((COSINES[[3, 1]], COSINES))))
     np.testing.assert_allclose(value, known[[3, 1, 0, 1, 2, 3, 4]], rtol=1e-15)
     rows = np.array([2, 0])
-    mixed = other.replaced(rows, profiles.rows(rows))
-    value, _ = total(mixed)
+    profiles.keep(rows)
+    other.replace(rows, profiles)
+    value, _ = total(other)
     np.testing.assert_allclose(value[rows], known[rows], rtol=1e-15)
-    np.testing.assert_allclose(value[[1, 3, 4]], total(other)[0][[1, 3, 4]], rtol=1e-15)
+    np.testing.assert_allclose(value[[1, 3, 4]], coarse[[1, 3, 4]], rtol=1e-15)
+    assert not np.array_equal(value[rows], coarse[rows])
 
 
 def test_what_is_next_to_nothing_can_be_had_as_precisely() -> None:
@@ -249,14 +251,15 @@ def test_slices_that_stay_take_over_their_nodes() -> None:
         order, first = slices.order.copy(), slices.first.copy()
         which = np.arange(order.size) < kept * order.size
         before = [
-            slices.density[a : a + q] for a, q in zip(first[which], order[which], strict=True)
+            slices.density[a : a + q].copy()
+            for a, q in zip(first[which], order[which], strict=True)
         ]
         nodes = slices._nodes.size
-        found = slices.taken(which)
-        assert (found._nodes.size < nodes) == moved
+        slices.keep(which)
+        assert (slices._nodes.size < nodes) == moved
         for k, values in enumerate(before):
-            mine = slice(found.first[k], found.first[k] + found.order[k])
-            np.testing.assert_array_equal(found.density[mine], values)
+            mine = slice(slices.first[k], slices.first[k] + slices.order[k])
+            np.testing.assert_array_equal(slices.density[mine], values)
 
 
 def test_stores_grow() -> None:

@@ -208,6 +208,10 @@ class Ladder:
         self._row: dict[float, int] = {}
         self._parts: list[Profiles] = []
         self._families: dict[Part, Families] = {}
+        # Energy of Dirac parts at all rows and its error, and by how much steps divide it: the
+        # logarithm, and how many steps.
+        self._dirac: np.ndarray | None = None
+        self._over, self._over_steps = np.empty(0), 0
         # How many steps are in the products of all rows.
         self._met = 0
         # For every step, ends of cells that lie each in one piece of every curve so far, and what
@@ -272,6 +276,7 @@ class Ladder:
                 old.extend(new)
         self._row |= {y: self._cos.size + k for k, y in enumerate(fresh.tolist())}
         self._cos = np.concatenate((self._cos, c))
+        self._see_mirror(c)
 
     def _nearest(self, y: np.ndarray) -> np.ndarray:
         """The rows next to some coordinates."""
@@ -289,7 +294,10 @@ class Ladder:
         number = {row: k for k, row in enumerate(kept.tolist())}
         self._row = {y: number[row] for y, row in self._row.items() if row in number}
         self._cos = self._cos[kept]
-        self._parts = [profiles.rows(kept) for profiles in self._parts]
+        if self._dirac is not None:
+            self._dirac, self._over = self._dirac[:, kept], self._over[kept]
+        for profiles in self._parts:
+            profiles.keep(kept)
 
     def _rows(self, piece: Piece) -> np.ndarray:
         """The rows of the nodes and of the fresh points of a piece."""
@@ -395,11 +403,12 @@ class Ladder:
         for profiles in self._parts:
             s = profiles.slices
             row = profiles.row[s.panel]
+            hit = np.flatnonzero((total > goal)[row])
+            row = row[hit]
             most = 0.5 * goal / np.maximum(np.bincount(row, minlength=goal.size), 1)
-            hit = np.arange(row.size)
             for _ in range(_ROUNDS):
                 poor = (total > goal)[row] & (s.error[hit] > most[row])
-                poor &= (s.end - s.start)[hit] > _NARROWEST
+                poor &= (s.end[hit] - s.start[hit]) > _NARROWEST
                 hit, row = hit[poor], row[poor]
                 # The worst come first: the others may do, then.
                 worst = np.zeros(goal.size)
@@ -433,21 +442,32 @@ class Ladder:
             rows = np.flatnonzero(poor & (profiles.ahead < 2))
             if rows.size:
                 fresh = self._profile(part, self._cos[rows], profiles.ahead[rows] + 1)
-                self._parts[k] = profiles.replaced(rows, fresh)
+                profiles.replace(rows, fresh)
                 changed = True
         return changed
 
-    def _mirror(self) -> tuple[np.ndarray, np.ndarray]:
-        """Energy of Dirac parts at all rows, over the divisor."""
-        c = self._cos
+    def _see_mirror(self, c: np.ndarray) -> None:
+        """Compute the energy of Dirac parts at fresh rows."""
         s = np.sqrt((1.0 - c) * (1.0 + c))
         wi = np.stack((s, np.zeros_like(c), c), axis=-1)
         _, weights = self.model.spikes(wi)
         if not len(weights):
+            return
+        found = np.stack((weights.sum(0), self.model.spike_errors(wi, weights).sum(0)))
+        over = self.divisor(self._over_steps).logs(c, c)
+        if self._dirac is not None:
+            found = np.concatenate((self._dirac, found), axis=1)
+        self._dirac, self._over = found, np.concatenate((self._over, over))
+
+    def _mirror(self) -> tuple[np.ndarray, np.ndarray]:
+        """Energy of Dirac parts at all rows, over the divisor."""
+        c = self._cos
+        if self._dirac is None:
             return np.zeros(c.size), np.zeros(c.size)
-        scale = np.exp(-self._divisor().logs(c, c))
-        errors = self.model.spike_errors(wi, weights)
-        return weights.sum(0) * scale, errors.sum(0) * scale
+        if self._over_steps != len(self.curves):
+            self._over_steps, self._over = len(self.curves), self._divisor().logs(c, c)
+        scale = np.exp(-self._over)
+        return self._dirac[0] * scale, self._dirac[1] * scale
 
     @blas_in_one
     def step(self) -> LogCurve:

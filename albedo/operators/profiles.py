@@ -58,6 +58,23 @@ _HOLES = 2
 _SAME = 1e-10
 
 
+@kernel
+def _move_up(array, number):
+    """Move the entries of ascending numbers to the front."""
+    for i in range(number.size):
+        array[i] = array[number[i]]
+
+
+@kernel
+def _close_up(array, first, order):
+    """Move runs to the front, each from its first entry on, which ascend."""
+    last = 0
+    for k in range(first.size):
+        for i in range(first[k], first[k] + order[k]):
+            array[last] = array[i]
+            last += 1
+
+
 class _Column:
     """One of the arrays of a store, as far as it is filled."""
 
@@ -97,15 +114,11 @@ class _Store:
                 self.arrays[name] = room
         self.size = last
 
-    def taken(self, which: np.ndarray) -> _Store:
-        """A store of some entries."""
-        number = np.flatnonzero(which) if which.dtype == bool else which
-        kept = {}
-        for name, array in self.arrays.items():
-            # There is more to come.
-            kept[name] = np.empty(2 * number.size, array.dtype)
-            np.take(array, number, out=kept[name][: number.size], mode="clip")
-        return _Store(kept, number.size)
+    def keep(self, number: np.ndarray) -> None:
+        """Give up all entries but those of these numbers, which ascend."""
+        for array in self.arrays.values():
+            _move_up(array, number)
+        self.size = number.size
 
 
 class Slices:
@@ -171,20 +184,18 @@ class Slices:
         self._nodes.lengthen(int(added.sum()))
         return where
 
-    def taken(self, which: np.ndarray) -> Slices:
-        """Some of the slices, which take over the nodes of all: these are given up."""
-        found = Slices()
-        found._slices = self._slices.taken(which)
-        order, first = found.order, found.first
-        used = int(order.sum())
+    def keep(self, which: np.ndarray) -> None:
+        """Give up all slices but those that a mask tells."""
+        self._slices.keep(np.flatnonzero(which))
+        used = int(self.order.sum())
         if _HOLES * used >= self._nodes.size:
-            found._nodes = self._nodes
-            return found
-        begin = np.cumsum(order) - order
-        nodes = np.arange(used) + np.repeat(first - begin, order)
-        found._nodes = self._nodes.taken(nodes)
-        found._slices.arrays["first"][: order.size] = begin
-        return found
+            return
+        rank = np.argsort(self.first)
+        first, order = self.first[rank], self.order[rank]
+        for array in self._nodes.arrays.values():
+            _close_up(array, first, order)
+        self.first[rank] = np.cumsum(order) - order
+        self._nodes.size = used
 
     def extend(self, other: Slices, panels: int) -> None:
         """Take in the slices of others, whose panels follow so many."""
@@ -540,15 +551,14 @@ class Profiles:
         side_by_side(lambda part: _lay_out(fresh[part], *slices, *panels, *nodes), fresh.size, _FEW)
         return fresh
 
-    def rows(self, kept: np.ndarray) -> Profiles:
-        """Only some of the rows, which count from 0 again."""
+    def keep(self, rows: np.ndarray) -> None:
+        """Give up all rows but some, which are numbered in this order from now on."""
         number = np.full(self.geometry.shape[0], -1)
-        number[kept] = np.arange(kept.size)
-        found = self._panels(number[self.row] >= 0)
-        found.row = number[found.row]
+        number[rows] = np.arange(rows.size)
+        self._keep_panels(number[self.row] >= 0)
+        self.row = number[self.row]
         for name in _OF_ROWS:
-            setattr(found, name, getattr(self, name)[kept])
-        return found
+            setattr(self, name, getattr(self, name)[rows])
 
     def renumber(self, number: np.ndarray) -> None:
         """Put all rows in another order; the new number of each is given."""
@@ -572,23 +582,21 @@ class Profiles:
             setattr(self, name, np.concatenate((getattr(self, name), getattr(other, name))))
         self._take_in(other, rows)
 
-    def replaced(self, rows: np.ndarray, other: Profiles) -> Profiles:
-        """With others in the places of some rows."""
-        found = self._panels(~np.isin(self.row, rows))
+    def replace(self, rows: np.ndarray, other: Profiles) -> None:
+        """Put others in the places of some rows."""
+        self._keep_panels(~np.isin(self.row, rows))
         for name in _OF_ROWS:
-            array = getattr(found, name).copy()
+            array = getattr(self, name).copy()
             array[rows] = getattr(other, name)
-            setattr(found, name, array)
-        found._take_in(other, rows)
-        return found
+            setattr(self, name, array)
+        self._take_in(other, rows)
 
-    def _panels(self, stays: np.ndarray) -> Profiles:
-        """Only some of the panels."""
-        slices = self.slices.taken(stays[self.slices.panel])
-        slices.panel[:] = (np.cumsum(stays) - 1)[slices.panel]
-        named = {k: getattr(self, k) for k in _OF_ROWS}
-        named |= {k: getattr(self, k)[stays] for k in _OF_PANELS}
-        return Profiles(**named, slices=slices)
+    def _keep_panels(self, stays: np.ndarray) -> None:
+        """Give up all panels but those that a mask tells."""
+        self.slices.keep(stays[self.slices.panel])
+        self.slices.panel[:] = (np.cumsum(stays) - 1)[self.slices.panel]
+        for name in _OF_PANELS:
+            setattr(self, name, getattr(self, name)[stays])
 
     def _take_in(self, other: Profiles, rows: np.ndarray) -> None:
         """Add the panels and slices of others, whose rows are those."""
