@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from numpy.polynomial import chebyshev
 
 import albedo
 from albedo.brdf import Model
-from albedo.charts.heights import folded
+from albedo.charts.heights import FIRST, LAST, folded
 from albedo.integrators.adaptive import Refined, refine, refine_alike
 from albedo.integrators.cells import ModelIntegrand
+from albedo.operators.divisor import LogCurve
 from albedo.operators.ladder import Ladder, rings_of
 from albedo.operators.profiles import _LIMIT, Ahead, Profiles, _height, _judge_series, _Store
 
@@ -51,7 +55,7 @@ def test_cut_slices_keep_the_sum(model: Model, rng: np.random.Generator) -> None
         s = profiles.slices
         which = np.repeat(np.arange(s.panel.size), 2)
         place = s.start[which] + rng.uniform(size=which.size) * (s.end - s.start)[which]
-        fresh = profiles.cut(which, place)
+        fresh = profiles.cut(which, place, rng.integers(0, 4, which.size))
         assert fresh.size >= which.size
         # No step divides by anything yet.
         profiles.slices.log_product[:] = 0.0
@@ -65,12 +69,98 @@ def test_cut_slices_keep_the_sum(model: Model, rng: np.random.Generator) -> None
     assert np.all(slack <= 1e-10 * after)
 
 
+def bent_curve(low: float, bend: float, high: float, above: bool) -> LogCurve:
+    """A curve with a root between two places: above a bend, or below it."""
+    series = np.zeros((4, 18))
+    series[:, 0] = [-5.0, -1.0, -1.0, -5.0]
+    # The cube of the root is the cube of (1 + u) / 2, or of (1 - u) / 2.
+    if above:
+        series[2, :4] += chebyshev.poly2cheb([1.0, 3.0, 3.0, 1.0]) / 8.0
+    else:
+        series[1, :4] += chebyshev.poly2cheb([1.0, -3.0, 3.0, -1.0]) / 8.0
+    edges, bent = np.array([FIRST, low, bend, high, LAST]), [0, 0, 1, 0] if above else [0, 2, 0, 0]
+    return LogCurve(edges, series, np.full(4, 1e-16), np.array(bent), np.array([bend]))
+
+
+def cut_at_the_bend(model: Model, curve: LogCurve, known: bool) -> Profiles:
+    """Rows that are divided by the larger albedo, cut where it bends."""
+    profiles = profiles_of(model)
+    total(profiles)
+    nowhere, least = np.empty((COSINES.size, 0)), np.zeros(COSINES.size)
+    which, place, sides = profiles.kinks(curve, nowhere, curve.bends, False, least)
+    profiles.cut(which, place, sides if known else np.zeros_like(sides))
+    profiles.slices.log_product[:] = 0.0
+    profiles.multiply(curve, COSINES, 0, np.empty(0, int))
+    return profiles
+
+
+@pytest.mark.parametrize("model", MODELS[:3] + MODELS[4:], ids=lambda model: model.spec)
+@pytest.mark.parametrize("rises", [True, False], ids=["rising", "falling"])
+@pytest.mark.parametrize("above", [True, False], ids=["above", "below"])
+def test_nodes_are_clustered_next_to_a_bend_where_series_are_in_roots(
+    model: Model, rises: bool, above: bool
+) -> None:
+    profiles = profiles_of(model)
+    total(profiles)
+    s = profiles.slices
+    along = s.y[s.first + s.order - 1] > s.y[s.first]
+    # In the midst of what holds most, on a panel that is no strip next to the horizon, and not
+    # about 30 degrees, where the coordinate has a kink itself.
+    may = (along == rises) & (s.high - s.low < 1.0) & (s.low * s.high > 0.0) & (s.high < LAST)
+    most = int(np.argmax(np.where(may, s.value, -1.0)))
+    assert may[most]
+    low, high, panel = float(s.low[most]), float(s.high[most]), s.panel[most]
+    bend = 0.5 * (low + high)
+    curve = bent_curve(low, bend, high, above)
+    np.testing.assert_array_equal(curve.bent_sides, [1 if above else 2])
+    profiles, other = (cut_at_the_bend(model, curve, known) for known in (True, False))
+    value, _, _ = profiles.sums(0, np.log(COSINES))
+    other.sums(0, np.log(COSINES))
+    s, plain = profiles.slices, other.slices
+    (own,) = np.flatnonzero((s.bent > 0) & (s.panel == panel))
+    # On the side where the root is, and towards the bend, whether heights rise or fall along it.
+    assert s.bent[own] == (1 if rises == above else 2)
+    np.testing.assert_allclose(s.low[own] if above else s.high[own], bend, atol=1e-9)
+    y = np.abs(s.y[s.first[own] : s.first[own] + s.order[own]] - bend)
+    assert y.min() < 0.01 * y.max()
+    # What is smooth then has rules that are worth more, and the value is the same.
+    np.testing.assert_array_equal(plain.end, s.end)
+    error, more = s.error[own], plain.error[own]
+    assert error < max(0.01 * more, 1e-13 * value[profiles.row[panel]])
+    assert abs(s.value[own] - plain.value[own]) <= error + more
+
+
+def test_halves_are_clustered_at_their_own_ends() -> None:
+    profiles = profiles_of(MODELS[2])
+    s = profiles.slices
+    for bent in (1, 2, 3):
+        place = np.full(1, 0.5 * float(s.start[0] + s.end[0]))
+        profiles.cut(np.zeros(1, int), place, np.full(1, bent))
+    hit = np.flatnonzero(s.bent)
+    before = {(s.start[k], s.end[k]): s.bent[k] for k in hit.tolist()}
+    s.order[hit] = 24
+    fresh = profiles.raised(hit)
+    assert fresh.size == 2 * len(before)
+    for (start, end), bent in before.items():
+        (first,) = fresh[s.start[fresh] == start]
+        (last,) = fresh[s.end[fresh] == end]
+        assert s.bent[first] == bent & 1
+        assert s.bent[last] == bent & 2
+
+
+def test_bends_are_on_the_side_that_is_in_the_root() -> None:
+    for bent, side in (([0, 1, 2, 0], 0), ([0, 2, 1, 0], 3), ([1, 2, 2, 1], 2), ([2, 1, 1, 2], 1)):
+        curve = replace(bent_curve(-1.0, 0.2, 0.5, True), bent=np.array(bent))
+        np.testing.assert_array_equal(curve.bent_sides, [side])
+
+
 @models
 def test_places_near_others_are_one(model: Model) -> None:
     profiles = profiles_of(model)
     s = profiles.slices
     count = s.panel.size
-    profiles.cut(np.array([0, 0, 0, 0]), np.array([0.5, 0.5 + 1e-12, 1e-13, 1.0 - 1e-13]))
+    places = np.array([0.5, 0.5 + 1e-12, 1e-13, 1.0 - 1e-13])
+    profiles.cut(np.zeros(4, int), places, np.zeros(4, int))
     assert profiles.slices.panel.size == count + 1
     assert profiles.slices.start.min() == 0.0
     assert profiles.slices.end.max() == 1.0
@@ -84,10 +174,8 @@ def test_a_level_is_found_where_its_height_is() -> None:
     levels = pumped.divisor.last_levels(COSINES)
     profiles.multiply(curve, COSINES, 0, np.empty(0, int))
     profiles.sums(0, np.log(COSINES))
-    which, place = profiles.kinks(
-        curve, levels, pumped.divisor.last_bends, False, np.zeros(COSINES.size)
-    )
-    fresh = profiles.cut(which, place)
+    found = profiles.kinks(curve, levels, pumped.divisor.last_bends, False, np.zeros(COSINES.size))
+    fresh = profiles.cut(*found)
     s = profiles.slices
     seen = 0
     for k in fresh.tolist():

@@ -360,6 +360,13 @@ class LogCurve:
         return found
 
     @cached_property
+    def bent_sides(self) -> np.ndarray:
+        """Of each bend: 1 where the series above is bent there, 2 below, 3 on both sides."""
+        above = np.searchsorted(self.edges, self.bends)
+        found: np.ndarray = (self.bent[above] == 1) + 2 * (self.bent[above - 1] == 2)
+        return found
+
+    @cached_property
     def spread(self) -> float:
         """No two logarithms differ by more."""
         size = np.abs(self.coefficients[:, 1:]).sum(1)

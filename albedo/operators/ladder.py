@@ -337,8 +337,7 @@ class Ladder:
             least = _HIDDEN * self.rtol * value
             controlled = self.control is not None
             found = [profiles.kinks(*levels, controlled, least) for levels in known]
-            which, place = (np.concatenate(numbers) for numbers in zip(*found, strict=True))
-            fresh = profiles.cut(which, place)
+            fresh = profiles.cut(*(np.concatenate(n) for n in zip(*found, strict=True)))
         if not late:
             self._multiply(profiles, c, done, fresh)
         self._renew(profiles, fresh, self._divisor(), c)

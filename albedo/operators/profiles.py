@@ -48,6 +48,8 @@ _NOISE = 1024.0 * np.finfo(np.float64).eps
 # A panel has nodes for this many e-folds of its error; a part of one has a few more than that
 # takes, for what it is divided by, and this many at least.
 _DIGITS, _MORE, _LEAST = 27.6, 4.0, 8.0
+# Where nodes are clustered there are so many times more: what is smooth has twice the degree.
+_CLUSTERED = 1.5
 # Slices that are worth another thread, and rows that one integrates at once.
 _FEW, _BATCH = 300, 64
 # Rows that begin with the cells of the one in their midst.
@@ -128,6 +130,9 @@ class Slices:
     ----------
     panel, start, end, order : ndarray
         What each slice is a part of, from where to where, and how many nodes it has.
+    bent : ndarray
+        Where what it is divided by is smooth in the root of the distance from its start (1), its
+        end (2) or both (3); nodes are clustered there.
     first : ndarray
         The first of its nodes.
     value, error, most : ndarray
@@ -145,12 +150,13 @@ class Slices:
 
     panel, start, end = _Column("_slices"), _Column("_slices"), _Column("_slices")
     order, first, stale = _Column("_slices"), _Column("_slices"), _Column("_slices")
+    bent = _Column("_slices")
     value, error, most = _Column("_slices"), _Column("_slices"), _Column("_slices")
     log_scale, low, high = _Column("_slices"), _Column("_slices"), _Column("_slices")
     density, y, log_product = _Column("_nodes"), _Column("_nodes"), _Column("_nodes")
 
     def __init__(self) -> None:
-        whole = dict.fromkeys(("panel", "order", "first"), np.empty(0, int))
+        whole = dict.fromkeys(("panel", "order", "bent", "first"), np.empty(0, int))
         names = ("start", "end", "value", "error", "most", "log_scale", "low", "high")
         real = dict.fromkeys(names, np.empty(0))
         self._slices = _Store({**whole, **real, "stale": np.empty(0, bool)}, 0)
@@ -163,6 +169,7 @@ class Slices:
         start: np.ndarray,
         end: np.ndarray,
         order: np.ndarray,
+        bent: np.ndarray,
     ) -> np.ndarray:
         """Put new slices in the places of others, and more at the end; return their numbers.
 
@@ -176,7 +183,8 @@ class Slices:
         first = self._nodes.size + np.cumsum(added) - added
         first[: gone.size] = np.where(added[: gone.size], first[: gone.size], self.first[gone])
         self._slices.append(panel=panel[gone.size :])
-        new = {"panel": panel, "start": start, "end": end, "order": order, "first": first}
+        new = {"panel": panel, "start": start, "end": end, "order": order}
+        new |= {"bent": bent, "first": first}
         for name, values in new.items():
             self._slices.arrays[name][where] = values
         self._slices.arrays["log_scale"][where] = 0.0
@@ -370,7 +378,8 @@ class Profiles:
         """Rows and panels, of which each is one slice."""
         found = cls(**arrays, slices=Slices())
         m = found.row.size
-        found._put(np.empty(0, int), np.arange(m), np.zeros(m), np.ones(m), found.order)
+        ends = np.zeros(m), np.ones(m)
+        found._put(np.empty(0, int), np.arange(m), *ends, found.order, np.zeros(m, int))
         found.slices.log_product[:] = 0.0
         return found
 
@@ -467,8 +476,11 @@ class Profiles:
         bends: np.ndarray,
         controlled: bool,
         least: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray]:
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Slices, and places on their panels, where a kink hides more than `least` of a row.
+
+        The third array tells, as in `Slices.bent`, whether what follows a place (1) or comes
+        before it (2) is smooth in the root of the distance from there.
 
         A kink between the last node of a slice and its end is seen by no spectrum: what may hide
         there is what the curve changes by on the shorter side.
@@ -490,19 +502,19 @@ class Profiles:
         panels = self.row, self.code, self.box, self.geometry
         pieces, spread = curve.pieces, curve.spread
 
-        def find(part: slice) -> tuple[np.ndarray, np.ndarray]:
+        def find(part: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             own = [array[part] for array in slices]
             room = max(own[0].size * (levels.shape[1] + bends.size), 1)
-            which, place = np.empty(room, int), np.empty(room)
-            known = levels, bends, least, controlled, *pieces, spread
-            count = _find_kinks(*own, *panels, *known, which, place)
-            return which[:count] + part.start, place[:count]
+            which, place, sides = np.empty(room, int), np.empty(room), np.empty(room, int)
+            known = levels, bends, curve.bent_sides, least, controlled, *pieces, spread
+            count = _find_kinks(*own, *panels, *known, which, place, sides)
+            return which[:count] + part.start, place[:count], sides[:count]
 
-        which, place = zip(*side_by_side(find, s.panel.size, _FEW), strict=True)
-        return np.concatenate(which), np.concatenate(place)
+        which, place, sides = zip(*side_by_side(find, s.panel.size, _FEW), strict=True)
+        return np.concatenate(which), np.concatenate(place), np.concatenate(sides)
 
-    def cut(self, which: np.ndarray, place: np.ndarray) -> np.ndarray:
-        """Cut slices at places on their panels; return the numbers of the new ones.
+    def cut(self, which: np.ndarray, place: np.ndarray, sides: np.ndarray) -> np.ndarray:
+        """Cut slices at what `kinks` found; return the numbers of the new ones.
 
         The products at their nodes are still to be computed.
         """
@@ -512,8 +524,9 @@ class Profiles:
         hit = np.unique(which)
         owner = np.concatenate((hit, which, hit))
         t = np.concatenate((s.start[hit], place, s.end[hit]))
+        side = np.concatenate((s.bent[hit] & 1, sides, s.bent[hit] & 2))
         rank = np.lexsort((t, owner))
-        owner, t = owner[rank], t[rank]
+        owner, t, side = owner[rank], t[rank], side[rank]
         # Of places that are one the first stays, but for ends of slices.
         ends = np.append(owner[1:] != owner[:-1], True)
         starts = np.append(True, owner[1:] != owner[:-1])
@@ -521,13 +534,18 @@ class Profiles:
         keep = starts | ends | ~near
         before_end = np.append(ends[1:] & (t[1:] - t[:-1] < _SAME), False) & ~starts
         keep &= ~before_end
-        owner, t = owner[keep], t[keep]
+        owner, t, side = owner[keep], t[keep], side[keep]
         same = np.flatnonzero(owner[1:] == owner[:-1])
         # The first part of every slice takes its place.
         initial = np.append(True, owner[same][1:] != owner[same][:-1])
         same = np.concatenate((same[initial], same[~initial]))
         panel, start, end = s.panel[owner[same]], t[same], t[same + 1]
-        return self._put(hit, panel, start, end, _orders(self.order[panel], end - start))
+        order, bent = (
+            _orders(self.order[panel], end - start),
+            (side[same] & 1) | (side[same + 1] & 2),
+        )
+        order = np.where(bent > 0, _rungs(_CLUSTERED * order), order)
+        return self._put(hit, panel, start, end, order, bent)
 
     def raised(self, hit: np.ndarray) -> np.ndarray:
         """Give slices more nodes, or halve those that have as many as may be."""
@@ -539,13 +557,14 @@ class Profiles:
         start = np.concatenate((s.start[rich], s.start[poor], middle))
         end = np.concatenate((s.end[rich], middle, s.end[poor]))
         order = np.concatenate((_rungs(1.5 * s.order[rich]), np.full(2 * poor.size, 20)))
-        return self._put(np.concatenate((rich, poor)), panel, start, end, order)
+        bent = np.concatenate((s.bent[rich], s.bent[poor] & 1, s.bent[poor] & 2))
+        return self._put(np.concatenate((rich, poor)), panel, start, end, order, bent)
 
     def _put(self, gone: np.ndarray, *parts: np.ndarray) -> np.ndarray:
-        """Put new slices (panel, start, end, order) in the place of others; see `Slices.put`."""
+        """Put new slices in the place of others; see `Slices.put`."""
         s = self.slices
         fresh = s.put(gone, *parts)
-        slices = s.panel, s.start, s.end, s.order, s.first
+        slices = s.panel, s.start, s.end, s.order, s.bent, s.first
         panels = self.row, self.code, self.box, self.order, self.series, self.geometry
         nodes = rules_by_order()[0], s.density, s.y, s.low, s.high
         side_by_side(lambda part: _lay_out(fresh[part], *slices, *panels, *nodes), fresh.size, _FEW)
@@ -777,6 +796,7 @@ def _lay_out(
     start,
     end,
     order,
+    bent,
     first,
     row,
     code,
@@ -797,7 +817,9 @@ def _lay_out(
         g, side, power = geometry[row[i]], code[i, 0], code[i, 3]
         size = end[k] - start[k]
         for j in range(q):
-            t = start[k] + size * nodes[q, j]
+            x, slope = clustered(nodes[q, j], bent[k])
+            t = start[k] + size * x
+            density[first[k] + j] = size * slope
             y[first[k] + j] = fold_elevation(_height(g, side, power, box[i], t))
             u[j] = 2.0 * t - 1.0
             last[j] = before[j] = 0.0
@@ -809,7 +831,7 @@ def _lay_out(
                 before[j] = last[j]
                 last[j] = here
         for j in range(q):
-            density[first[k] + j] = size * (series[i, 0] + u[j] * last[j] - 0.5 * before[j])
+            density[first[k] + j] *= series[i, 0] + u[j] * last[j] - 0.5 * before[j]
         y_0 = fold_elevation(_height(g, side, power, box[i], start[k]))
         y_1 = fold_elevation(_height(g, side, power, box[i], end[k]))
         low[k], high[k] = min(y_0, y_1), max(y_0, y_1)
@@ -981,6 +1003,7 @@ def _find_kinks(
     geometry,
     levels,
     bends,
+    bent_sides,
     least,
     controlled,
     parts,
@@ -988,6 +1011,7 @@ def _find_kinks(
     spread,
     which,
     place,
+    sides,
 ):
     """Fill slices and places of kinks that hide enough; return how many there are."""
     count = 0
@@ -1023,6 +1047,10 @@ def _find_kinks(
                 which[count] = k
                 e_v = elevation_at(level)
                 place[count] = _place(geometry[r], code[i, 0], code[i, 3], box[i], e_v)
+                sides[count] = bent_sides[after + m - own] if m >= own else 0
+                if _height(geometry[r], code[i, 0], code[i, 3], box[i], start[k]) > e_v:
+                    # What is above comes before.
+                    sides[count] = (sides[count] >> 1) | ((sides[count] & 1) << 1)
                 if start[k] < place[count] < end[k]:
                     count += 1
     return count
