@@ -343,9 +343,13 @@ def test_help_loads_nothing_heavy():
     assert done.stdout.splitlines()[-1] == "[]"
 
 
+@pytest.mark.parametrize("named", [False, True])
 @pytest.mark.parametrize("command", [("table", "-o", "a.nc"), ("plot", "-o", "a.png")])
-def test_an_interrupted_command_leaves_no_file(command, tmp_path, monkeypatch):
+def test_an_interrupted_command_leaves_no_file(command, named, tmp_path, monkeypatch):
     def interrupted(*arguments, **options):
+        if named:
+            # As Python 3.11 does while a class is made.
+            raise RuntimeError("Error calling __set_name__") from KeyboardInterrupt()
         raise KeyboardInterrupt
 
     monkeypatch.chdir(tmp_path)
@@ -354,6 +358,17 @@ def test_an_interrupted_command_leaves_no_file(command, tmp_path, monkeypatch):
     result = run(*command, "ward")
     assert result.exit_code == 130
     assert result.stderr.startswith("Interrupted")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_other_errors_are_no_interruptions(tmp_path, monkeypatch):
+    def broken(*arguments, **options):
+        raise RuntimeError("broken") from ValueError("cause")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(albedo, "table", broken)
+    with pytest.raises(RuntimeError, match="broken"):
+        run("table", "ward", "-o", "a.nc")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -34,8 +34,17 @@ class _Commands(TyperGroup):
             where = f" '{error.filename}'" if error.filename else ""
             fail(f"The file{where} cannot be used: {error.strerror or error}")
         except KeyboardInterrupt:
-            typer.echo("Interrupted; files that were not finished were not kept.", err=True)
-            raise typer.Exit(INTERRUPTED) from None
+            _end_interrupted()
+        except RuntimeError as error:
+            # Python 3.11 says so of an interruption while an attribute is told its name.
+            if not isinstance(error.__cause__, KeyboardInterrupt):
+                raise
+            _end_interrupted()
+
+
+def _end_interrupted() -> NoReturn:
+    typer.echo("Interrupted; files that were not finished were not kept.", err=True)
+    raise typer.Exit(INTERRUPTED)
 
 
 def fail(message: str) -> NoReturn:
