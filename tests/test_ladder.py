@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import tracemalloc
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ import albedo
 from albedo.charts.heights import FIRST, LAST, LOWEST, folded, unfolded
 from albedo.operators.divisor import CONTROLS, TERMS, LogCurve, placed
 from albedo.operators.families import Families
-from albedo.operators.ladder import _COARSE, _HIDDEN, _JOINED, _MANY, _SHARE, Ladder
+from albedo.operators.ladder import _COARSE, _HIDDEN, _JOINED, _MANY, _SHARE, Ladder, ladder
 from albedo.operators.nodes import LEBESGUE, TRUST, cosines
 from albedo.operators.profiles import Profiles
 from albedo.operators.pump import _GOAL, _LEFT, _OF_CURVES, Pumped
@@ -500,3 +501,27 @@ def test_what_a_mirror_leaves_at_grazing_incidence_is_had(control: str | None) -
     (ahead,) = [key for key in families._stretches if key is not None]
     asked = np.array([(s.family is not None, s.asked.size) for s in families._stretches[ahead]])
     assert asked[:, 0] @ asked[:, 1] > 0.5 * asked[:, 1].sum()
+
+
+@pytest.mark.parametrize("place", ["keep", "cut", "replace"])
+def test_what_was_interrupted_is_not_gone_on_with(
+    place: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ladders are shared, and one whose rows are half moved would say anything."""
+    model, cos_theta = albedo.model("he_torrance", sigma0=0.3), np.array([0.9, 0.3, 0.01])
+
+    def interrupted(self: Profiles, *_: Any) -> None:
+        # In its midst.
+        self.slices.density[:] *= 0.9
+        raise KeyboardInterrupt
+
+    ladder.cache_clear()
+    with monkeypatch.context() as context:
+        context.setattr(Profiles, place, interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            albedo.directional_albedo(albedo.pump(model, 12), cos_theta)
+    found = albedo.directional_albedo(albedo.pump(model, 12), cos_theta)
+    ladder.cache_clear()
+    fresh = albedo.directional_albedo(albedo.pump(model, 12), cos_theta)
+    np.testing.assert_array_equal(found.value, fresh.value)
+    np.testing.assert_array_equal(found.error, fresh.error)

@@ -540,10 +540,8 @@ class Profiles:
         initial = np.append(True, owner[same][1:] != owner[same][:-1])
         same = np.concatenate((same[initial], same[~initial]))
         panel, start, end = s.panel[owner[same]], t[same], t[same + 1]
-        order, bent = (
-            _orders(self.order[panel], end - start),
-            (side[same] & 1) | (side[same + 1] & 2),
-        )
+        bent = (side[same] & 1) | (side[same + 1] & 2)
+        order = _orders(self.order[panel], end - start)
         order = np.where(bent > 0, _rungs(_CLUSTERED * order), order)
         return self._put(hit, panel, start, end, order, bent)
 

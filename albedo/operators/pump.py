@@ -180,12 +180,18 @@ class Pumped(Model):
         known = [max(share * self.goal, FINEST) for share in _OF_CURVES]
         enough = _LEFT * self.goal
         for rtol in known if self.rtol is None else (self.rtol,):
-            found = ladder(self.base, self.control, rtol)
-            if len(found.curves) < self.steps:
-                with blas_in_one:
-                    while len(found.curves) < self.steps:
-                        found.step()
-            left = found.worst(self.steps)
+            found, whole = ladder(self.base, self.control, rtol), False
+            try:
+                if len(found.curves) < self.steps:
+                    with blas_in_one:
+                        while len(found.curves) < self.steps:
+                            found.step()
+                left = found.worst(self.steps)
+                whole = True
+            finally:
+                if not whole:
+                    # It is shared, and what was interrupted in its midst is not to be gone on with.
+                    ladder.cache_clear()
             # Where not even the best of them does, the first is as good.
             if left <= enough or left * known[-1] > enough * rtol:
                 break
