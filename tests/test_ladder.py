@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.polynomial import Chebyshev, Polynomial
 
 import albedo
 from albedo.charts.heights import FIRST, LAST, LOWEST, folded, unfolded
@@ -466,6 +467,7 @@ def test_rows_err_by_no_more_than_they_say(spec: str, steps: int, control: str |
         "cook_torrance:m=0.4",
         "cook_torrance:geometry=smith_rational,m=0.1",
         "ashikhmin_shirley:r_s=0.5",
+        "ashikhmin_shirley:specular=none,r_s=0.4,r_d=0.2",
         "lafortune",
         "lafortune_scaled:n=20,s=0.95",
         "oren_nayar",
@@ -525,3 +527,81 @@ def test_what_was_interrupted_is_not_gone_on_with(
     fresh = albedo.directional_albedo(albedo.pump(model, 12), cos_theta)
     np.testing.assert_array_equal(found.value, fresh.value)
     np.testing.assert_array_equal(found.error, fresh.error)
+
+
+def _albedos_of_a_product(steps: int, x: np.ndarray) -> np.ndarray:
+    """Albedos at cosines x of f = c u(n.l) u(n.v) that is pumped up, u = 1 - (1 - x/2)^5.
+
+    While they rise with the cosine, 2 pi c (p(x) int_0^x u t dt + u(x) int_x^1 p(t) t dt), with
+    p = u / (product of all before). Integrals are those of Chebyshev series on octaves.
+    """
+    u = Polynomial([0.0, 5 / 2, -5 / 2, 5 / 4, -5 / 16, 1 / 32])
+    below = (u * Polynomial([0.0, 1.0])).integ()
+    edges = np.concatenate(([0.0], 0.5 ** np.arange(70, -1, -1)))
+    octaves = list(itertools.pairwise(edges.tolist()))
+    known: list[list[Chebyshev]] = []
+    # Rises as a pumped albedo does, and is 1 at the normal.
+    scale = 1.0 / (u(1.0) * below(1.0))
+
+    def over(t: np.ndarray, k: int) -> np.ndarray:
+        return u(t) / np.prod([step[k](t) for step in known], axis=0)
+
+    found = []
+    for step in range(steps + 1):
+        beyond, here = 0.0, []
+        for k in reversed(range(len(octaves))):
+            part = Chebyshev.interpolate(lambda t, k=k: t * over(t, k), 24, octaves[k])
+            rest = part.integ(lbnd=octaves[k][1])
+            here.append(
+                Chebyshev.interpolate(
+                    lambda t, k=k, rest=rest, beyond=beyond: (
+                        scale * (over(t, k) * below(t) + u(t) * (beyond - rest(t)))
+                    ),
+                    24,
+                    octaves[k],
+                )
+            )
+            beyond -= float(rest(octaves[k][0]))
+        known.append(here[::-1])
+        which = np.clip(np.searchsorted(edges, x) - 1, 0, len(octaves) - 1)
+        found.append([known[step][k](t) for k, t in zip(which.tolist(), x.tolist(), strict=True)])
+    return np.array(found)
+
+
+def test_an_albedo_that_falls_to_nothing_is_pumped_up_as_precisely_as_others() -> None:
+    """Five steps divide by the fifth power of n.v, which one series of rings does not survive."""
+    base = albedo.model("ashikhmin_shirley", specular="none", r_s=0.4, r_d=0.2)
+    x = np.array([1e-9, 1e-6, 1e-3, 0.1, 0.3, 0.6, 0.9, 1.0])
+    # They rise up to the fourth; the series round to 1e-13.
+    expected = _albedos_of_a_product(4, x)
+    assert np.all(np.diff(expected, axis=1) > 0.0)
+    for goal in (1e-8, 1e-10):
+        pumped = albedo.pump(base, 5, goal=goal)
+        for step in range(1, 5):
+            found = pumped.albedo_before(step, x)
+            assert np.all(found.error < goal * found.value)
+            assert np.all(np.abs(found.value - expected[step]) <= found.error + 1e-12 * found.value)
+        last = albedo.directional_albedo(pumped, x, rtol=goal)
+        assert last.converged.all()
+
+
+def test_rows_have_no_more_slices_than_help(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is noise is not halved time and again, and is in the bounds."""
+    base = albedo.model("ashikhmin_shirley", specular="none", r_s=0.4, r_d=0.2)
+    (part,) = base.parts()
+    monkeypatch.setattr(type(base), "parts", lambda self: (replace(part, rings=None),))
+    monkeypatch.setattr("albedo.operators.ladder._MOST_SLICES", 300)
+    noisy = Ladder(base, None, 4e-12)
+    for _ in range(6):
+        noisy.step()
+    (rows,) = noisy._parts
+    count = np.bincount(rows.row[rows.slices.panel])
+    # A round at most doubles them, and a later step cuts at its kinks.
+    assert 300 < count.max() < 700
+    monkeypatch.undo()
+    exact = climbed(base, 6)
+    y = np.linspace(folded(np.array([1e-6]))[0], LAST, 99)
+    for n in range(6):
+        off = np.abs(noisy.curves[n].at(y) - exact.curves[n].at(y))
+        assert np.all(off <= noisy.doubt(n) + noisy.curves[n].bound.max() + exact.doubt(n) + 4e-10)
+    assert noisy.curves[5].bound.max() > 1e-6

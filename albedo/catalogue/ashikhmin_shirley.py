@@ -8,6 +8,7 @@ from albedo._compile import kernel
 from albedo.brdf import Alias, Choice, Model, Part, Real
 from albedo.catalogue._blinn import slope_chart, slope_width
 from albedo.charts.cosine import CosineChart
+from albedo.charts.rings import RingsChart, octaves
 from albedo.fresnel import CAREFUL, schlick, schlick_rest
 from albedo.geometry import along_azimuth, divided, normal_root, one_less_v_dot_h, v_dot_h
 from albedo.sampling.routines import normal_powers
@@ -102,5 +103,8 @@ class AshikhminShirley(Model):
             routine = normal_powers(self.n_u, self.n_v)
             parts.append(Part("specular", fill_specular, chart, widths, routine=routine))
         if self.diffuse != "none" and self.r_d > 0.0:
-            parts.append(Part("diffuse", fill_diffuse, CosineChart()))
+            # Alone it leaves an albedo that falls to 0 towards the horizon.
+            fades = self.specular == "none" and self.diffuse == "paper"
+            rings = RingsChart("broad", "max", levels=octaves) if fades else None
+            parts.append(Part("diffuse", fill_diffuse, CosineChart(), rings=rings))
         return tuple(parts)

@@ -53,6 +53,25 @@ _ENDS, _CORE = 30.0, 2.0
 _MIXED = 2.0
 # R, of whose distance from V kernels lose nothing: they have it from H.
 MIRROR = (-1.0, 1.0)
+# Down to the height below which pumping-up takes albedos as they are there.
+_OCTAVES = 0.5 ** np.arange(1, 65)
+
+
+def octaves(cos_theta: np.ndarray) -> np.ndarray:
+    """Heights of which each is half of the last, as `RingsChart.levels`.
+
+    They are for what falls to 0 towards the horizon with n.l and n.v, and is divided by that: in
+    every octave a series knows it to as many digits as in any other.
+
+    Parameters
+    ----------
+    cos_theta : ndarray, shape (n,)
+
+    Returns
+    -------
+    ndarray, shape (n, 64)
+    """
+    return np.tile(_OCTAVES, (cos_theta.size, 1))
 
 
 @dataclass(frozen=True)

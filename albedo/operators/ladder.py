@@ -64,8 +64,9 @@ _INNER, _FINEST = 0.06, 2e-13
 # for any number of steps.
 _COARSE, _FARTHEST = 0.15, (0.0, 4.0, 12.0, 30.0, 100.0)
 # Sums over rings may have this share of it; slices are not cut to less than a part of a panel,
-# to which twenty halvings lead, after a few rounds that give more nodes.
-_SHARE, _ROUNDS, _NARROWEST = 0.04, 32, 1e-6
+# to which twenty halvings lead, after a few rounds that give more nodes, nor where a row has so
+# many: what errs then is noise, of which no rule sees less.
+_SHARE, _ROUNDS, _NARROWEST, _MOST_SLICES = 0.04, 32, 1e-6, 2000
 # What a kink that no node sees may hide in one slice, as a share of the tolerance, and how many of
 # those in a row are taken to hide all of it.
 _HIDDEN, _MANY = 0.001, 20.0
@@ -404,10 +405,12 @@ class Ladder:
             row = profiles.row[s.panel]
             hit = np.flatnonzero((total > goal)[row])
             row = row[hit]
-            most = 0.5 * goal / np.maximum(np.bincount(row, minlength=goal.size), 1)
+            count = np.bincount(row, minlength=goal.size)
+            most = 0.5 * goal / np.maximum(count, 1)
             for _ in range(_ROUNDS):
                 poor = (total > goal)[row] & (s.error[hit] > most[row])
                 poor &= (s.end[hit] - s.start[hit]) > _NARROWEST
+                poor &= (count < _MOST_SLICES)[row]
                 hit, row = hit[poor], row[poor]
                 # The worst come first: the others may do, then.
                 worst = np.zeros(goal.size)
@@ -419,11 +422,13 @@ class Ladder:
                 changed = True
                 row, before = profiles.row[s.panel[hit]], s.error[hit]
                 total = total - np.bincount(row, before, total.size) * profiles.doubt
+                count -= np.bincount(row, minlength=count.size)
                 hit = profiles.raised(hit)
                 self._renew(profiles, hit, divisor, self._cos)
                 profiles.sum_nodes(hit, control, log_light)
                 row = profiles.row[s.panel[hit]]
                 total += np.bincount(row, s.error[hit], total.size) * profiles.doubt
+                count += np.bincount(row, minlength=count.size)
                 hit = np.concatenate((hit, later))
                 row = profiles.row[s.panel[hit]]
         return changed
