@@ -148,9 +148,10 @@ def at_angles(data: pumping.Series, label: str) -> pd.DataFrame:
         lost = 1.0 - value
         for step in range(1, data.steps + 1):
             before, bound = lost[step - 1], error[step - 1]
-            share = lost[step] / before if before > bound else math.nan
-            known = lost[step] > KNOWN * error[step]
-            doubt = (error[step] + share * bound) / (before - bound) if known else math.inf
+            share = doubt = math.nan
+            if before > bound and lost[step] > KNOWN * error[step]:
+                share = lost[step] / before
+                doubt = (error[step] + share * bound) / (before - bound)
             rows.append(
                 {
                     "model": label,
@@ -158,8 +159,8 @@ def at_angles(data: pumping.Series, label: str) -> pd.DataFrame:
                     "step": step,
                     "lost": lost[step],
                     "lost_error": error[step],
-                    "left_of_last": share if known else math.nan,
-                    "left_of_last_error": doubt if known else math.nan,
+                    "left_of_last": share,
+                    "left_of_last_error": doubt,
                 }
             )
     return pd.DataFrame(rows)
