@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import os
 import threading
 from collections.abc import Callable
@@ -89,11 +90,10 @@ def side_by_side(work: Callable[[slice], _Result], count: int, least: int) -> li
     count : int
         Of items.
     least : int
-        Fewer items than this are not worth another part.
+        Fewer items than this are not worth a second part.
     """
-    workers = threads()
-    parts = max(min(workers, count // least), 1)
-    return _found(work, [count * k // parts for k in range(parts + 1)])
+    parts = _worth(count, least)
+    return _found(work, [count * k // parts for k in range(parts + 1)], parts)
 
 
 def by_weight(work: Callable[[slice], _Result], weight: np.ndarray, least: float) -> list[_Result]:
@@ -106,14 +106,15 @@ def by_weight(work: Callable[[slice], _Result], weight: np.ndarray, least: float
     weight : ndarray, shape (n,)
         What each item costs.
     least : float
-        Less than this is not worth another part.
+        Less than this is not worth a second part.
     """
     sums = np.cumsum(weight)
     total = float(sums[-1]) if sums.size else 0.0
+    workers = _worth(total, least)
     # Some more parts than threads: not all that weighs the same takes as long.
-    parts = max(min(_SHARES * threads(), int(total // least)), 1)
+    parts = max(min(_SHARES * workers, int(total // least)), 1)
     inner = np.searchsorted(sums, total * np.arange(1, parts) / parts)
-    return _found(work, [0, *np.unique(inner[inner > 0]).tolist(), sums.size])
+    return _found(work, [0, *np.unique(inner[inner > 0]).tolist(), sums.size], workers)
 
 
 def in_batches(work: Callable[[slice], _Result], count: int, size: int) -> list[_Result]:
@@ -122,13 +123,22 @@ def in_batches(work: Callable[[slice], _Result], count: int, size: int) -> list[
     They are the same whatever the number of threads, and so are roundings that depend on them.
     """
     parts = max(-(-count // size), 1)
-    return _found(work, [count * k // parts for k in range(parts + 1)])
+    return _found(work, [count * k // parts for k in range(parts + 1)], threads())
 
 
-def _found(work: Callable[[slice], _Result], ends: list[int]) -> list[_Result]:
+def _worth(amount: float, least: float) -> int:
+    """How many threads some work is worth, of which twice the least is worth two.
+
+    Every thread has to be woken up, and the lock of the interpreter is handed to one at a time: p
+    of them take W / p + p w, which is least where p is the root of W / w.
+    """
+    return max(min(threads(), math.isqrt(int(2.0 * amount / least))), 1)
+
+
+def _found(work: Callable[[slice], _Result], ends: list[int], most: int) -> list[_Result]:
     parts = [slice(a, b) for a, b in itertools.pairwise(ends)]
     # What waits in a thread of the pool must not wait for another.
-    workers = 1 if len(parts) == 1 or hasattr(_inside, "pool") else threads()
+    workers = 1 if hasattr(_inside, "pool") else min(most, len(parts))
     if workers == 1:
         return [work(part) for part in parts]
     todo, found = iter(range(len(parts))), cast(list[_Result], [None] * len(parts))
@@ -138,8 +148,8 @@ def _found(work: Callable[[slice], _Result], ends: list[int]) -> list[_Result]:
             found[k] = work(parts[k])
 
     # Whoever waits works as well, and does not wait for those that have nothing left to begin.
-    pool = _pool(workers - 1, os.getpid())
-    others = [pool.submit(pull) for _ in range(min(workers, len(parts)) - 1)]
+    pool = _pool(threads() - 1, os.getpid())
+    others = [pool.submit(pull) for _ in range(workers - 1)]
     pull()
     for other in others:
         if not other.cancel():
