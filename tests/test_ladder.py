@@ -605,3 +605,14 @@ def test_rows_have_no_more_slices_than_help(monkeypatch: pytest.MonkeyPatch) -> 
         off = np.abs(noisy.curves[n].at(y) - exact.curves[n].at(y))
         assert np.all(off <= noisy.doubt(n) + noisy.curves[n].bound.max() + exact.doubt(n) + 4e-10)
     assert noisy.curves[5].bound.max() > 1e-6
+
+
+def test_the_last_quadrature_sees_bends_that_come_from_bends() -> None:
+    """A nearly constant albedo is mapped to a strip of a thousandth, next to an end of a panel."""
+    base = albedo.model("oren_nayar", rho=0.3371, sigma=0.02942)
+    cos_theta = np.linspace(0.5, 0.75, 26)
+    found = albedo.directional_albedo(albedo.pump(base, 8, "literal"), cos_theta)
+    known = albedo.pump(base, 9, "literal").albedo_before(8, cos_theta)
+    assert found.converged.all()
+    # They hold errors of the same curves, and each its own quadrature; it had been 20 bounds.
+    assert np.all(np.abs(found.value - known.value) <= 0.1 * (found.error + known.error))

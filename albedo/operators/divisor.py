@@ -586,7 +586,20 @@ class Divisor:
                 found += self._levels_of(curve, y_l)
             for curve in self.curves[:-1]:
                 found += [np.full(y_l.size, y) for y in self._marks_of(curve)]
+            found += self._bent(y_l)
         return _columns([unfolded(y) for y in found + self._clamped(y_l)], y_l.size)
+
+    def _bent(self, y_l: np.ndarray) -> list[np.ndarray]:
+        """Coordinates at which a curve bends that is what its step divides by there."""
+        every = np.unique(np.concatenate([np.empty(0), *(curve.bends for curve in self.curves)]))
+        shown = np.zeros((every.size, y_l.size), bool)
+        for curve in self.curves:
+            least = curve.at(y_l)
+            if self.control == "literal":
+                least = np.maximum(least, np.log(np.maximum(unfolded(y_l), LOWEST)))
+            place = np.searchsorted(every, curve.bends)
+            shown[place] |= curve.at(curve.bends)[:, None] > least
+        return list(np.where(shown, every[:, None], np.nan))
 
     def last_levels(self, cos_light: np.ndarray) -> np.ndarray:
         """Coordinates of the levels that the last step adds: (n, k), NaN where fewer.
