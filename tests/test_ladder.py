@@ -471,6 +471,7 @@ def test_rows_err_by_no_more_than_they_say(spec: str, steps: int, control: str |
         "lafortune",
         "lafortune_scaled:n=20,s=0.95",
         "oren_nayar",
+        "oren_nayar:rho=0.1121,sigma=0.5224",
         "stam_gaussian",
         "schlick",
     ],
@@ -616,3 +617,24 @@ def test_the_last_quadrature_sees_bends_that_come_from_bends() -> None:
     assert found.converged.all()
     # They hold errors of the same curves, and each its own quadrature; it had been 20 bounds.
     assert np.all(np.abs(found.value - known.value) <= 0.1 * (found.error + known.error))
+
+
+@pytest.mark.parametrize(
+    "spec",
+    [
+        "oren_nayar:rho=0.1121,sigma=0.5224",
+        # A broad lobe about an axis.
+        pytest.param("lafortune_scaled:n=0.25,s=0.95,rho_s=0.15", marks=pytest.mark.slow),
+    ],
+)
+def test_next_to_nothing_over_a_cosine_is_had_as_precisely(spec: str) -> None:
+    """The product of small albedos is a cosine next to the horizon, and stays one."""
+    base = next(albedo.grammar.parse(spec).models())
+    cos_theta = np.geomspace(1e-6, 1.0, 13)
+    found = albedo.directional_albedo(albedo.pump(base, 20, "cumulative"), cos_theta)
+    finer = albedo.pump(base, 20, "cumulative", goal=1e-10)
+    known = albedo.directional_albedo(finer, cos_theta, rtol=1e-10)
+    # It had been 2e-7 and 7e-3.
+    assert found.converged.all()
+    assert np.all(known.error < 4e-10 * known.value)
+    assert np.all(np.abs(found.value - known.value) <= found.error + known.error)

@@ -278,6 +278,13 @@ def test_shares_hold_all_panels_that_are_as_dark() -> None:
     whole = np.bincount(p.row, held)[p.row]
     assert np.all(found <= whole * (1.0 + 1e-12))
     assert np.any(found < 1e-6 * whole)
+    # With control of the product also as much as any cosine leaves of all.
+    clamped = Ahead(curve, steps, True).shares(p.geometry, p.code, p.box, p.row, held)
+    cosine = np.maximum(np.sin(height[[0, 2]]), p.geometry[p.row, 0])
+    left = np.minimum(1.0, cosine.min(0)[:, None] / cosine.max(0))
+    over = ((p.row == p.row[:, None]) * held * left).sum(1)
+    np.testing.assert_allclose(clamped, np.minimum(found, over), rtol=1e-9)
+    assert np.any(clamped < 0.8 * found)
 
 
 def test_rounding_is_not_refined_against() -> None:

@@ -127,6 +127,11 @@ class _Heights:
         return np.tile(self.heights, (cos_light.size, 1))
 
 
+# Where control keeps the product of all steps, what is next to the horizon may be divided by n.v
+# there: on each of these stretches a series knows it to as many digits as on others.
+_STRETCHES = _Heights(tuple((0.5 ** np.arange(4, 65, 4)).tolist()))
+
+
 def rings_of(part: Part, levels: Any = None) -> RingsChart:
     """The chart of rings for a part of an isotropic model.
 
@@ -204,11 +209,12 @@ class Ladder:
     @blas_in_one
     def __init__(self, model: Model, control: str | None, rtol: float) -> None:
         self.model, self.control, self.rtol = model, control, rtol
+        self._stretches = _STRETCHES if control == "cumulative" else None
         self.curves: list[LogCurve] = []
         self._cos = np.empty(0)
         self._row: dict[float, int] = {}
         self._parts: list[Profiles] = []
-        self._families: dict[Part, Families] = {}
+        self._families: dict[tuple[Part, _Heights | None], Families] = {}
         # Energy of Dirac parts at all rows and its error, and by how much steps divide it: the
         # logarithm, and how many steps.
         self._dirac: np.ndarray | None = None
@@ -244,7 +250,8 @@ class Ladder:
 
     def chart(self, part: Part, steps: int) -> RingsChart:
         """The chart for a part after some steps."""
-        return rings_of(part, self.divisor(steps).levels)
+        levels = self.divisor(steps).levels
+        return rings_of(part, _Both(levels, self._stretches) if self._stretches else levels)
 
     def _divisor(self) -> Divisor:
         return self.divisor(len(self.curves))
@@ -304,24 +311,33 @@ class Ladder:
         """The rows of the nodes and of the fresh points of a piece."""
         return np.array([self._row[y] for y in piece.y.tolist()])
 
-    def _profile(self, part: Part, c: np.ndarray, ahead: np.ndarray) -> Profiles:
+    def _profile(self, part: Part, c: np.ndarray, levels: np.ndarray) -> Profiles:
         """Rows, each as far ahead as is known to be needed: not at all, some steps, or all."""
-        if part not in self._families:
-            finest = _finest(part)
-            rtol = max(self.rtol * _INNER, finest)
-            self._families[part] = Families(self.model, part, rings_of(part), rtol, finest)
-        families = self._families[part]
+        clamped = self.control == "cumulative"
         which, found = [], []
-        for level in np.unique(ahead).tolist():
-            which.append(rows := np.flatnonzero(ahead == level))
+        for level in np.unique(levels).tolist():
+            which.append(rows := np.flatnonzero(levels == level))
+            families = self._families_of(part, level > 1)
             if level < 2:
-                found.append(families.profiles(c[rows], Ahead(self.curves[0]) if level else None))
+                ahead = Ahead(self.curves[0], clamped=clamped) if level else None
+                found.append(families.profiles(c[rows], ahead))
             else:
-                found.append(families.direct(c[rows], Ahead(self.curves[0], _FARTHEST), True))
+                ahead = Ahead(self.curves[0], _FARTHEST, clamped)
+                found.append(families.direct(c[rows], ahead, True))
             found[-1].ahead[:] = level
         profiles = Profiles.together(found, which)
         self._meet(profiles, c, 0)
         return profiles
+
+    def _families_of(self, part: Part, ahead: bool) -> Families:
+        """What rows of a part are had from, as they are at first or for steps ahead."""
+        levels = self._stretches if ahead else None
+        if (part, levels) not in self._families:
+            finest = _finest(part)
+            rtol = max(self.rtol * _INNER, finest)
+            chart = rings_of(part, levels)
+            self._families[part, levels] = Families(self.model, part, chart, rtol, finest)
+        return self._families[part, levels]
 
     def _meet(self, profiles: Profiles, c: np.ndarray, done: int) -> None:
         """Take all steps but so many into the products, and cut where their curves have kinks."""

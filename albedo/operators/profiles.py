@@ -245,16 +245,22 @@ class Ahead:
     them time and again. From step to step most is sent on to heights that are darker, down to where
     V is as dark as L; so what is wanted of a row is wanted of its heights up to any albedo.
 
+    Where control keeps the product of all steps it comes down to the larger cosine, and stays
+    there: what is wanted of a row is wanted of what is divided by any cosine, too.
+
     Attributes
     ----------
     curve : LogCurve
         The albedo that is known.
     steps : tuple of float
         Numbers of steps that may have divided by the known albedo before others are dark no more.
+    clamped : bool
+        Control keeps the product.
     """
 
     curve: LogCurve
     steps: tuple[float, ...] = (0.0, 4.0, 12.0)
+    clamped: bool = False
 
     def shares(
         self,
@@ -285,6 +291,8 @@ class Ahead:
         found = np.empty(row.size)
         order = np.lexsort((albedo[1], row))
         _share(order, row, albedo[0] - at_l, albedo[1] - at_l, held, np.array(self.steps), found)
+        if self.clamped:
+            _share_clamped(np.argsort(row, kind="stable"), row, geometry, code, box, held, found)
         return found
 
     def weights(self, geometry: np.ndarray, cells: Cells) -> np.ndarray:
@@ -785,6 +793,34 @@ def _share(order, row, least, middle, held, steps, found):
             if last < order.size and row[order[last]] != row[i]:
                 whole = 0.0
             first = last
+
+
+@kernel
+def _share_clamped(order, row, geometry, code, box, held, found):
+    """Lower what `_share` found to what is held, of panels over any cosine; `order` has the panels
+    of each row together.
+
+    A panel is divided by x = max(n.l, n.v) as soon as the product is that small; those with larger
+    cosines are divided by theirs, and those with smaller ones by as much.
+    """
+    least, most = np.empty(row.size), np.empty(row.size)
+    for k in range(row.size):
+        g = geometry[row[k]]
+        c_0 = math.sin(_height(g, code[k, 0], code[k, 3], box[k], 0.0))
+        c_1 = math.sin(_height(g, code[k, 0], code[k, 3], box[k], 1.0))
+        least[k] = max(min(c_0, c_1), g[0], LOWEST)
+        most[k] = max(max(c_0, c_1), g[0], LOWEST)
+    first = 0
+    while first < order.size:
+        last = first
+        while last < order.size and row[order[last]] == row[order[first]]:
+            last += 1
+        for j in order[first:last]:
+            whole = 0.0
+            for i in order[first:last]:
+                whole += held[i] * min(1.0, least[j] / most[i])
+            found[j] = min(found[j], whole)
+        first = last
 
 
 @kernel
