@@ -472,6 +472,7 @@ def test_rows_err_by_no_more_than_they_say(spec: str, steps: int, control: str |
         "lafortune_scaled:n=20,s=0.95",
         "oren_nayar",
         "oren_nayar:rho=0.1121,sigma=0.5224",
+        "oren_nayar_full:rho=0.5,sigma=1.26",
         "stam_gaussian",
         "schlick",
     ],
@@ -637,4 +638,15 @@ def test_next_to_nothing_over_a_cosine_is_had_as_precisely(spec: str) -> None:
     # It had been 2e-7 and 7e-3.
     assert found.converged.all()
     assert np.all(known.error < 4e-10 * known.value)
+    assert np.all(np.abs(found.value - known.value) <= found.error + known.error)
+
+
+def test_a_model_that_is_cut_off_at_0_is_pumped_up_as_precisely() -> None:
+    """Rings end where Oren and Nayar's fit falls below 0, opposite the light."""
+    base = albedo.model("oren_nayar_full", rho=0.5183, sigma=1.26)
+    cos_theta = np.geomspace(1e-6, 1.0, 13)
+    found = albedo.directional_albedo(albedo.pump(base, 5, "literal"), cos_theta)
+    known = albedo.pump(base, 6, "literal").albedo_before(5, cos_theta)
+    # It had been 6e-5.
+    assert found.converged.all()
     assert np.all(np.abs(found.value - known.value) <= found.error + known.error)

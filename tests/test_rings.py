@@ -47,6 +47,10 @@ MODELS = [
     "stam_gaussian:sigma=1,t_x=20,t_y=20",
     "oren_nayar",
     "oren_nayar_full",
+    # Cut off at 0 opposite the light.
+    "oren_nayar_full:rho=0.05,sigma=0.8",
+    "oren_nayar_full:rho=0.5,sigma=1.26",
+    "ashikhmin_shirley:specular=none,r_s=0.4,r_d=0.2",
     "fujii",
     "eon",
     "max_phong:n=20,variant=retro",

@@ -10,6 +10,7 @@ from albedo.catalogue._oren_nayar import CHART, interreflection, spread
 from albedo.catalogue.lambert import Lambert
 from albedo.catalogue.oren_nayar import OrenNayar
 from albedo.charts.dark import DarkChart, opposite
+from albedo.charts.rings import RingsChart
 
 # What C_3 adds at grazing incidence, and C_2, over s^2/(s^2 + 0.09): integrals over beta.
 _GRAZING = 0.177196556363678
@@ -105,6 +106,8 @@ class OrenNayarFull(Model):
         _, c_1, lobe, second = self.pack()
         # What f tends to where both directions graze, opposite each other.
         dark = c_1 - 2.7 / math.pi * lobe + 2.0 * second < 0.0
-        return (
-            Part("diffuse", fill, DarkChart(c_1=c_1, lobe=lobe, second=second) if dark else CHART),
-        )
+        if not dark:
+            return (Part("diffuse", fill, CHART),)
+        chart = DarkChart(c_1=c_1, lobe=lobe, second=second)
+        rings = RingsChart("broad", "dark", axis=(1.0, 1.0), fit=(c_1, lobe, second))
+        return (Part("diffuse", fill, chart, rings=rings),)

@@ -51,7 +51,7 @@ class DarkChart(CosineChart):
         plain = np.concatenate((box, np.zeros_like(box[:, :2])), axis=1)
         if coarse:
             return geometry, row, np.pad(code, ((0, 0), (0, 1))), plain
-        ends = [_dark_end(g[0], g[1], g[4], self.c_1, self.lobe, self.second) for g in geometry]
+        ends = [dark_end(g[0], g[1], g[4], self.c_1, self.lobe, self.second) for g in geometry]
         rows, codes, boxes = [], [], []
         for r, kind, (u0, u1, v0, v1) in zip(row, code, box, strict=True):
             end = ends[r]
@@ -97,7 +97,14 @@ def _fit(c, s, elevation, t, mu, sin_v, c_1, lobe, second):
 
 
 @kernel
-def _dark_end(c, s, elevation, c_1, lobe, second):
+def dark_angle(c, s, elevation, t, mu, sin_v, c_1, lobe, second):
+    """How far from opposite the light V is dark at an elevation t; up to a right angle."""
+    a, b = _fit(c, s, elevation, t, mu, sin_v, c_1, lobe, second)
+    return 2.0 * math.asin(math.sqrt(min(1.0, max(0.0, -0.5 * a / b))))
+
+
+@kernel
+def dark_end(c, s, elevation, c_1, lobe, second):
     """Elevation of V below which the fit is negative opposite the light; 0 where it never is."""
     low, high = 0.0, 0.5 * math.pi
     for _ in range(200):
@@ -129,8 +136,7 @@ def _nodes(geometry, code, box, u, v, numbers, wi, wo, h, weight):
                 t = e - elevation
                 stretch *= e
             mu, sin_v = math.sin(t), math.cos(t)
-            a, b = _fit(c, s, elevation, t, mu, sin_v, c_1, lobe, second)
-            d = 2.0 * math.asin(math.sqrt(min(1.0, max(0.0, -0.5 * a / b))))
+            d = dark_angle(c, s, elevation, t, mu, sin_v, c_1, lobe, second)
             lit = 1.0 - d / (0.5 * math.pi)
             for iu in range(u.size):
                 # How far psi is from 180 degrees, of which d is dark.

@@ -38,9 +38,10 @@ import numpy as np
 
 from albedo._compile import inlined, kernel
 from albedo.charts._compiled import CompiledChart, Kernel, clustered
+from albedo.charts.dark import dark_angle, dark_end
 
 KINDS = {"slope": 0, "mirror": 1, "axis": 1, "mirror_hemisphere": 2, "broad": 3, "projected": 4}
-KINKS = {"none": 0, "max": 1, "v_cavity": 2}
+KINKS = {"none": 0, "max": 1, "v_cavity": 2, "dark": 3}
 DECAYS = {"algebraic": 0, "gaussian": 1, "cosine_power": 2}
 # A lobe is cut at 4.5e-19 of its peak, which it reaches at so many squares of its width.
 _REACH = 42.25
@@ -85,8 +86,9 @@ class RingsChart(CompiledChart):
         widths being those in half of it (``mirror``) or in all of it (``axis``, without layers
         along the horizon); the angle to R at all; neither; or how far V is from R along the
         surface, for waves, of which a slope is a part that falls with n.l + n.v.
-    kinks : {"none", "max", "v_cavity"}
-        Curves at which the integrand has a kink, beside those of `levels`.
+    kinks : {"none", "max", "v_cavity", "dark"}
+        Curves at which the integrand has a kink, beside those of `levels`; ``dark`` is where Oren
+        and Nayar's full model ends, about the side of L.
     decay : {"algebraic", "gaussian", "cosine_power"}
         How the lobe falls; the last two are cut.
     edge : int
@@ -101,6 +103,8 @@ class RingsChart(CompiledChart):
     waves : float
         Half of how far V is from R along the surface where waves let the lobe fall
         (``projected``).
+    fit : tuple of float
+        See `albedo.charts.dark.DarkChart` (``dark``).
     """
 
     kind: str
@@ -111,6 +115,7 @@ class RingsChart(CompiledChart):
     axis: tuple[float, float] = MIRROR
     levels: Callable[[np.ndarray], np.ndarray] | None = None
     waves: float = 0.0
+    fit: tuple[float, float, float] = (1.0, 0.0, 0.0)
 
     def panels(
         self,
@@ -144,6 +149,7 @@ class RingsChart(CompiledChart):
                 *(np.maximum(layer, _THINNEST), np.arctan2(c, s), np.sin(flat)),
                 *(np.maximum(scale, _THINNEST), np.full_like(c, math.copysign(1.0, -sideways))),
                 np.full_like(c, min(self.waves, 1.0)),
+                np.tile(self.fit, (c.size, 1)),
             )
         )
         levels = np.empty((c.size, 0)) if self.levels is None else self.levels(c)
@@ -210,7 +216,12 @@ def _ring(g, kind, kinks, decay, cut, e_v, below):
     tan(chi/4). See `_cut`."""
     if kind == 3:
         # Broad models turn at right angles to the plane of incidence.
-        return 1.0, 1.0, math.tan(0.125 * math.pi)
+        kink, last = math.tan(0.125 * math.pi), 1.0
+        if kinks == 3:
+            n_v, s_v = math.sin(e_v), math.cos(e_v)
+            dark = dark_angle(g[0], g[1], g[8], e_v, n_v, s_v, g[13], g[14], g[15])
+            last = max(math.tan(0.25 * (math.pi - dark)), kink)
+        return 1.0, last, kink
     w2 = g[6] * g[6]
     if g[4] < 0.0:
         scale, last = _low_ring(g, decay, cut, e_v)
@@ -354,6 +365,9 @@ def _special(g, kind, kinks, cut, reach, places):
             places[1] = math.nan
         if places[3] > 0.0:
             places[3] = math.nan
+    if kinks == 3:
+        places[0] = e_a - dark_end(g[0], g[1], g[8], g[13], g[14], g[15])
+        n = 1
     if kind == 1:
         places[n] = e_a - flat
         n += 1
