@@ -584,8 +584,6 @@ class Divisor:
         if not self.collapsed:
             for curve in self.curves:
                 found += self._levels_of(curve, y_l)
-            for curve in self.curves[:-1]:
-                found += [np.full(y_l.size, y) for y in self._marks_of(curve)]
             found += self._bent(y_l)
         return _columns([unfolded(y) for y in found + self._clamped(y_l)], y_l.size)
 
