@@ -650,3 +650,14 @@ def test_a_model_that_is_cut_off_at_0_is_pumped_up_as_precisely() -> None:
     # It had been 6e-5.
     assert found.converged.all()
     assert np.all(np.abs(found.value - known.value) <= found.error + known.error)
+
+
+def test_kinks_are_the_same_however_many_are_looked_for_at_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    known = climbed(SCALED, 5)
+    monkeypatch.setattr("albedo.operators.profiles._ROOM", 1000)
+    found = climbed(SCALED, 5)
+    assert known._parts[0].slices.panel.size * known.curves[-1].bends.size > 3 * 1000
+    for a, b in zip(known.curves, found.curves, strict=True):
+        np.testing.assert_array_equal(a.coefficients, b.coefficients)

@@ -52,6 +52,8 @@ _DIGITS, _MORE, _LEAST = 27.6, 4.0, 8.0
 _CLUSTERED = 1.5
 # Slices that are worth another thread, and rows that one integrates at once.
 _FEW, _BATCH = 300, 64
+# Pairs of slices and places that are looked at at once: few slices have any, and each may have all.
+_ROOM = 1_000_000
 # Rows that begin with the cells of the one in their midst.
 _ALIKE = 20
 # Nodes are moved together when there are so many for each that is used.
@@ -510,13 +512,21 @@ class Profiles:
         panels = self.row, self.code, self.box, self.geometry
         pieces, spread = curve.pieces, curve.spread
 
+        known = levels, bends, curve.bent_sides, least, controlled, *pieces, spread
+        most = max(levels.shape[1] + bends.size, 1)
+
         def find(part: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-            own = [array[part] for array in slices]
-            room = max(own[0].size * (levels.shape[1] + bends.size), 1)
-            which, place, sides = np.empty(room, int), np.empty(room), np.empty(room, int)
-            known = levels, bends, curve.bent_sides, least, controlled, *pieces, spread
-            count = _find_kinks(*own, *panels, *known, which, place, sides)
-            return which[:count] + part.start, place[:count], sides[:count]
+            step = max(_ROOM // most, 1)
+            room = most * min(step, part.stop - part.start)
+            out = np.empty(room, int), np.empty(room), np.empty(room, int)
+            found = []
+            for start in range(part.start, part.stop, step):
+                own = [array[start : min(start + step, part.stop)] for array in slices]
+                count = _find_kinks(*own, *panels, *known, *out)
+                found.append((out[0][:count] + start, *(array[:count].copy() for array in out[1:])))
+            empty = [array[:0] for array in out]
+            which, place, sides = (np.concatenate(a) for a in zip(empty, *found, strict=True))
+            return which, place, sides
 
         which, place, sides = zip(*side_by_side(find, s.panel.size, _FEW), strict=True)
         return np.concatenate(which), np.concatenate(place), np.concatenate(sides)
