@@ -314,14 +314,15 @@ def _work(
                 pipe.send(("together", None))
 
     try:
-        result = run_study(file, out, progress=progress, alone=alone, **options)
-    except InputError as error:
-        pipe.send(("refused", str(error)))
+        answer: tuple[str, Any]
+        try:
+            answer = "result", run_study(file, out, progress=progress, alone=alone, **options)
+        except InputError as error:
+            answer = "refused", str(error)
+        pipe.send(answer)
     except (KeyboardInterrupt, BrokenPipeError):
         # The one who asked for this stopped, and says so.
         sys.exit(_INTERRUPTED)
-    else:
-        pipe.send(("result", result))
 
 
 def _listen(

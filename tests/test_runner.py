@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
 import os
 import re
 import signal
@@ -254,6 +255,25 @@ def interrupt(
         process.kill()
     assert process.returncode == (130 if how == signal.SIGINT else -how), errors
     assert "Traceback" not in errors
+
+
+@pytest.mark.parametrize("refused", [False, True])
+def test_a_study_that_ends_when_nobody_listens_was_interrupted(tmp_path, monkeypatch, refused):
+    """The runner may be killed after the last step, before the result is sent."""
+
+    def run(*_: object, **__: object) -> str:
+        if refused:
+            raise InputError("no")
+        return "result"
+
+    monkeypatch.setattr(runner, "run_study", run)
+    monkeypatch.setattr(runner, "watch", lambda: None)
+    own, other = multiprocessing.Pipe()
+    other.close()
+    known = {key: os.environ[key] for key in os.environ if key.startswith("ALBEDO_")}
+    with own, pytest.raises(SystemExit) as ended:
+        runner._work(None, known, own, out=tmp_path)
+    assert ended.value.code == runner._INTERRUPTED
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGINT to send to one process")
