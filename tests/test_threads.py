@@ -101,6 +101,17 @@ def test_parts_come_in_order_and_cover_all(monkeypatch: pytest.MonkeyPatch) -> N
     assert [part.size for part in side_by_side(lambda part: items[part], 0, 10)] == [0]
 
 
+@pytest.mark.parametrize(("count", "parts"), [(599, 1), (600, 2), (4800, 5), (60_000, 16)])
+def test_more_threads_are_woken_up_as_the_root_of_the_work(
+    count: int, parts: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ALBEDO_THREADS", "16")
+    assert len(side_by_side(lambda part: part, count, 300)) == parts
+    # Some more parts than threads.
+    found = by_weight(lambda part: part, np.ones(count), 300.0)
+    assert len(found) == max(min(3 * parts, count // 300), 1)
+
+
 def test_work_inside_work_does_not_wait_for_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     """All threads of the pool are taken by what waits for more."""
     monkeypatch.setenv("ALBEDO_THREADS", "2")

@@ -511,7 +511,6 @@ class Profiles:
         slices = s.panel, s.start, s.end, s.value, s.low, s.high
         panels = self.row, self.code, self.box, self.geometry
         pieces, spread = curve.pieces, curve.spread
-
         known = levels, bends, curve.bent_sides, least, controlled, *pieces, spread
         most = max(levels.shape[1] + bends.size, 1)
 
