@@ -13,6 +13,7 @@ from numpy.polynomial import Chebyshev, Polynomial
 
 import albedo
 from albedo.charts.heights import FIRST, LAST, LOWEST, folded, unfolded
+from albedo.errors import InputError
 from albedo.operators.divisor import CONTROLS, TERMS, LogCurve, placed
 from albedo.operators.families import Families
 from albedo.operators.ladder import _COARSE, _HIDDEN, _JOINED, _MANY, _SHARE, Ladder, ladder
@@ -592,6 +593,7 @@ def test_rows_have_no_more_slices_than_help(monkeypatch: pytest.MonkeyPatch) -> 
     base = albedo.model("ashikhmin_shirley", specular="none", r_s=0.4, r_d=0.2)
     (part,) = base.parts()
     monkeypatch.setattr(type(base), "parts", lambda self: (replace(part, rings=None),))
+    monkeypatch.setattr("albedo.operators.ladder._ROUNDED", 1e-300)
     monkeypatch.setattr("albedo.operators.ladder._MOST_SLICES", 300)
     noisy = Ladder(base, None, 4e-12)
     for _ in range(6):
@@ -607,6 +609,68 @@ def test_rows_have_no_more_slices_than_help(monkeypatch: pytest.MonkeyPatch) -> 
         off = np.abs(noisy.curves[n].at(y) - exact.curves[n].at(y))
         assert np.all(off <= noisy.doubt(n) + noisy.curves[n].bound.max() + exact.doubt(n) + 4e-10)
     assert noisy.curves[5].bound.max() > 1e-6
+
+
+STEEP = albedo.model("lafortune_scaled", n=31.57, s=0.1694)
+"""A lobe whose albedo falls from 1 to 2e-23: steps divide by little where little is sent on."""
+
+
+def test_what_a_step_lifts_is_known_to_as_many_digits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Roundings of what is bright at first are not all that is seen of what is left."""
+    fine, coarse = Ladder(STEEP, None, 4e-12), Ladder(STEEP, None, 4e-10)
+    for found in (fine, coarse):
+        for _ in range(4):
+            found.step()
+    y = np.linspace(folded(np.array([1e-6]))[0], LAST, 99)
+    for n in range(4):
+        off = np.abs(fine.curves[n].at(y) - coarse.curves[n].at(y))
+        own = sum(some.doubt(n) + some.curves[n].bound.max() for some in (fine, coarse))
+        assert np.all(off <= own)
+    # It is 6e-11; with panels that end at kinks only it was 4e-8.
+    assert fine.worst(4) < 2e-10
+    monkeypatch.setattr("albedo.operators.ladder._ROUNDED", 1e-300)
+    blurred = Ladder(STEEP, None, 4e-12)
+    for _ in range(4):
+        blurred.step()
+    assert blurred.worst(4) > 1e-9
+
+
+def test_what_no_cosine_tells_is_not_halved() -> None:
+    """An albedo so steep that the next cosine has another one is as good as cosines are."""
+    base = albedo.model("lafortune_scaled", n=7.754, s=0.005461)
+    found = Ladder(base, None, 4e-12)
+    curve = found.step()
+    # It rises as 1 + (n theta/s)^2/4: an ulp of the cosine is 1e-16 (n/s)^2/4, half of 1e-10.
+    assert 1e-11 < curve.bound.max() < 2e-10
+    # There were a thousand.
+    assert len(found._pieces) < 40
+    c = 1.0 - np.geomspace(1e-9, 1e-3, 40)
+    exact = albedo.directional_albedo(base, c, rtol=1e-12)
+    off = np.abs(curve(c) / exact.value - 1.0)
+    assert np.all(off <= curve.bound.max() + exact.error / exact.value)
+
+
+def test_the_worst_pieces_are_refined_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where there is no room for all, no piece is left as poor as it was."""
+    monkeypatch.setattr("albedo.operators.ladder._MOST_PIECES", 14)
+    found = Ladder(STEEP, None, 4e-12)
+    curve = found.step()
+    assert len(found._pieces) <= 14
+    # With 15 it is 2e-12; as long as none was cut it was 4e-3.
+    assert curve.bound.max() < 1e-5
+
+
+def test_what_rounding_leaves_nothing_of_is_refused() -> None:
+    steep = albedo.model("lafortune_scaled", n=30.0, s=0.01)
+    told = "at cos_theta = .* no digit is left after step 1, because its albedo falls to 1e-59"
+    with pytest.raises(InputError, match=told):
+        albedo.directional_albedo(albedo.pump(steep, 3), 0.5)
+
+
+def test_a_doubt_that_is_no_number_any_more_makes_a_bound_infinite() -> None:
+    found = climbed(albedo.model("phong", n=1), 1)
+    found._doubts[1] = 1e200
+    assert np.all(np.isinf(found.average(1, np.array([0.1, 1.0]))))
 
 
 def test_the_last_quadrature_sees_bends_that_come_from_bends() -> None:

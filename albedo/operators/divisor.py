@@ -417,6 +417,10 @@ class LogCurve:
         """Coordinates at which the albedo is the cosine."""
         return _sign_changes(lambda y: self.at(y) - np.log(unfolded(y)), self.samples)
 
+    def passes(self, log_value: float) -> np.ndarray:
+        """Coordinates at which the logarithm has a value, ascending."""
+        return _sign_changes(lambda y: self.at(y) - log_value, self.samples)
+
     @cached_property
     def samples(self) -> np.ndarray:
         """Coordinates y that show every extremum, ascending, with both ends."""

@@ -17,9 +17,10 @@ piece by piece, which gives a triangular system; the moduli of its inverse bound
 from __future__ import annotations
 
 import itertools
+import math
 import operator
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -130,6 +131,9 @@ class _Heights:
 # Where control keeps the product of all steps, what is next to the horizon may be divided by n.v
 # there: on each of these stretches a series knows it to as many digits as on others.
 _STRETCHES = _Heights(tuple((0.5 ** np.arange(4, 65, 4)).tolist()))
+# What integrals around rings are rounded to, as a share of the brightest of a panel. Panels for
+# steps ahead end where the first step lifts that to the tolerance.
+_ROUNDED, _LEAST_LIFT = 32.0 * _EPS, 16.0
 
 
 def rings_of(part: Part, levels: Any = None) -> RingsChart:
@@ -330,14 +334,24 @@ class Ladder:
         return profiles
 
     def _families_of(self, part: Part, ahead: bool) -> Families:
-        """What rows of a part are had from, as they are at first or for steps ahead."""
-        levels = self._stretches if ahead else None
+        """What rows of a part are had from, as they are at first or for any steps ahead."""
+        levels = (self._stretches or self._octaves) if ahead else None
         if (part, levels) not in self._families:
             finest = _finest(part)
             rtol = max(self.rtol * _INNER, finest)
             chart = rings_of(part, levels)
             self._families[part, levels] = Families(self.model, part, chart, rtol, finest)
         return self._families[part, levels]
+
+    @cached_property
+    def _octaves(self) -> _Heights | None:
+        """Where the first albedo falls by what lifts roundings to the tolerance, time and again."""
+        first = self.curves[0]
+        least = float(first.at(first.samples).min())
+        lift = math.log(max(self.rtol / _ROUNDED, _LEAST_LIFT))
+        passed = [first.passes(-lift * k) for k in range(1, math.ceil(-least / lift))]
+        heights = unfolded(np.concatenate([np.empty(0), *passed]))
+        return _Heights(tuple(heights.tolist())) if heights.size else None
 
     def _meet(self, profiles: Profiles, c: np.ndarray, done: int) -> None:
         """Take all steps but so many into the products, and cut where their curves have kinks."""
@@ -386,12 +400,8 @@ class Ladder:
         """Albedos of all rows at the present step, and their relative errors of quadrature."""
         for turn in range(_ROUNDS):
             value, of_slices, of_panels, other = self._added_up()
-            dark = ~(value > 0.0)
-            if dark.any():
-                raise InputError(
-                    f"{self.model.spec} cannot be pumped up: at cos_theta = "
-                    f"{self._cos[dark][0]:.3g} its albedo is {value[dark][0]:g}, not above 0"
-                )
+            if not np.all(value > 0.0):
+                self._refuse(value)
             if turn == _ROUNDS - 1 or not (
                 self._sharpen(of_slices, _SHARE * self.rtol * value)
                 or self._remake(of_panels, _COARSE * self.rtol * value)
@@ -399,6 +409,29 @@ class Ladder:
                 break
         error = of_slices.sum(0) + of_panels.sum(0) + other
         return value, error / value + _ROUNDINGS * _EPS + _MANY * _HIDDEN * self.rtol
+
+    def _refuse(self, value: np.ndarray) -> None:
+        """Tell that there is nothing to divide by at some row."""
+        k = int(np.argmin(value > 0.0))
+        steps = len(self.curves)
+        why = f"its albedo is {value[k]:g}, not above 0"
+        if steps:
+            least = math.exp(self.curves[0].at(self.curves[0].samples).min())
+            why = f"no digit is left after step {steps}, because its albedo falls to {least:.1g}"
+        raise InputError(
+            f"{self.model.spec} cannot be pumped up: at cos_theta = {self._cos[k]:.3g} {why}"
+        )
+
+    def _rounded(self, logs: np.ndarray) -> np.ndarray:
+        """What it changes of the logarithms of all rows that cosines are not quite where y are."""
+        y, row = np.array(list(self._row)), np.array(list(self._row.values()))
+        rank = np.argsort(y)
+        y, row = y[rank], row[rank]
+        slope = np.abs(np.diff(logs[row]) / np.diff(y))
+        found = np.empty(y.size)
+        found[row] = np.maximum(np.append(slope, 0.0), np.append(0.0, slope))
+        found[row] *= np.abs(folded(self._cos[row]) - y)
+        return found
 
     def _added_up(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Values of all rows, bounds of slices and panels part by part, and all other errors."""
@@ -495,9 +528,13 @@ class Ladder:
         self._pass_on()
         while True:
             value, own = self._values()
+            own = own + self._rounded(np.log(value))
             fits = self._fits(self._pieces, np.log(value), own)
             poor = [k for k, fit in enumerate(fits) if fit.bound > self.rtol and not fit.stuck]
-            if not poor or len(self._pieces) + len(poor) > _MOST_PIECES or not self._refine(poor):
+            # The worst come first: there is room for so many.
+            poor.sort(key=lambda k: -fits[k].bound)
+            room = max(_MOST_PIECES - len(self._pieces), 0)
+            if not poor[:room] or not self._refine(poor[:room]):
                 break
         self._thin_out(fits, np.log(value), own)
         fine = LogCurve(
@@ -629,7 +666,8 @@ class Ladder:
         # What holds in the middle of cells is looked up in those next to it as well.
         cell = np.clip(cell + np.array([[-1], [0], [1]]), 0, own.size - 1)
         # As for pairs of heights; an average of exponentials is not the exponential of the average.
-        bent = steps * self.doubt(steps) ** 2
+        doubt = self.doubt(steps)
+        bent = steps * doubt * doubt
         found: np.ndarray = 2.0 * own[cell].max(0) + bent + self.divisor(steps).left_out
         return found
 
