@@ -660,6 +660,18 @@ def test_the_worst_pieces_are_refined_first(monkeypatch: pytest.MonkeyPatch) -> 
     assert curve.bound.max() < 1e-5
 
 
+def test_a_goal_that_is_missed_leaves_no_worse_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where there is no room for fine curves, coarser ones are worth more."""
+    monkeypatch.setattr("albedo.operators.ladder._MOST_PIECES", 14)
+    ladder.cache_clear()
+    fine = albedo.pump(STEEP, 1, goal=1e-10)
+    left = fine._ladder.worst(1)
+    assert fine._ladder.rtol > 4e-12
+    assert left < 0.01 * ladder(STEEP, None, 4e-12).worst(1)
+    assert left <= albedo.pump(STEEP, 1)._ladder.worst(1)
+    ladder.cache_clear()
+
+
 def test_what_rounding_leaves_nothing_of_is_refused() -> None:
     steep = albedo.model("lafortune_scaled", n=30.0, s=0.01)
     told = "at cos_theta = .* no digit is left after step 1, because its albedo falls to 1e-59"

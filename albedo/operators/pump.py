@@ -36,6 +36,8 @@ _GOAL = 1e-8
 # What the albedos that are divided by are worth, as shares of that: the first of these that leaves
 # an albedo less than that share. The first mostly does for twenty steps.
 _OF_CURVES, _LEFT = (0.04, 0.01, 0.0025), 0.7
+# Where none does, what they were asked for is tried so many times coarser, up to the default.
+_COARSER = (10.0, 100.0)
 # What tables are asked for where another goal is set, and what albedos that are divided by them are
 # worth, in what they were asked for.
 _OF_TABLES, _FOLD = 0.3, 1.2
@@ -177,24 +179,37 @@ class Pumped(Model):
 
     @property
     def _ladder(self) -> Ladder:
+        if self.rtol is not None:
+            return self._climbed(self.rtol)
         known = [max(share * self.goal, FINEST) for share in _OF_CURVES]
-        enough = _LEFT * self.goal
-        for rtol in known if self.rtol is None else (self.rtol,):
-            found, whole = ladder(self.base, self.control, rtol), False
-            try:
-                if len(found.curves) < self.steps:
-                    with blas_in_one:
-                        while len(found.curves) < self.steps:
-                            found.step()
-                left = found.worst(self.steps)
-                whole = True
-            finally:
-                if not whole:
-                    # It is shared, and what was interrupted in its midst is not to be gone on with.
-                    ladder.cache_clear()
+        enough, tried = _LEFT * self.goal, []
+        for rtol in known:
+            tried.append(found := self._climbed(rtol))
+            left = found.worst(self.steps)
+            if left <= enough:
+                return found
             # Where not even the best of them does, the first is as good.
-            if left <= enough or left * known[-1] > enough * rtol:
+            if left * known[-1] > enough * rtol:
                 break
+        # What is asked for less may be worth more where there is no room for all pieces.
+        coarser = [known[0] * fold for fold in _COARSER if known[0] * fold <= _OF_CURVES[0] * _GOAL]
+        tried += [self._climbed(rtol) for rtol in coarser]
+        return min(tried, key=lambda found: found.worst(self.steps))
+
+    def _climbed(self, rtol: float) -> Ladder:
+        """The albedos of all steps, for curves that are worth so much."""
+        found, whole = ladder(self.base, self.control, rtol), False
+        try:
+            if len(found.curves) < self.steps:
+                with blas_in_one:
+                    while len(found.curves) < self.steps:
+                        found.step()
+            found.worst(self.steps)
+            whole = True
+        finally:
+            if not whole:
+                # It is shared, and what was interrupted in its midst is not to be gone on with.
+                ladder.cache_clear()
         return found
 
     @property
