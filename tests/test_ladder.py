@@ -674,7 +674,7 @@ def test_a_goal_that_is_missed_leaves_no_worse_bounds(monkeypatch: pytest.Monkey
 
 def test_what_rounding_leaves_nothing_of_is_refused() -> None:
     steep = albedo.model("lafortune_scaled", n=30.0, s=0.01)
-    told = "at cos_theta = .* no digit is left after step 1, because its albedo falls to 1e-59"
+    told = "at cos_theta = .* no digit of its albedo is left after step 1; it is as low as 1e-59"
     with pytest.raises(InputError, match=told):
         albedo.directional_albedo(albedo.pump(steep, 3), 0.5)
 

@@ -335,7 +335,7 @@ class Ladder:
 
     def _families_of(self, part: Part, ahead: bool) -> Families:
         """What rows of a part are had from, as they are at first or for any steps ahead."""
-        levels = (self._stretches or self._octaves) if ahead else None
+        levels = (self._stretches or self._falls) if ahead else None
         if (part, levels) not in self._families:
             finest = _finest(part)
             rtol = max(self.rtol * _INNER, finest)
@@ -344,7 +344,7 @@ class Ladder:
         return self._families[part, levels]
 
     @cached_property
-    def _octaves(self) -> _Heights | None:
+    def _falls(self) -> _Heights | None:
         """Where the first albedo falls by what lifts roundings to the tolerance, time and again."""
         first = self.curves[0]
         least = float(first.at(first.samples).min())
@@ -417,7 +417,8 @@ class Ladder:
         why = f"its albedo is {value[k]:g}, not above 0"
         if steps:
             least = math.exp(self.curves[0].at(self.curves[0].samples).min())
-            why = f"no digit is left after step {steps}, because its albedo falls to {least:.1g}"
+            why = f"no digit of its albedo is left after step {steps}"
+            why += f"; it is as low as {least:.1g} at first"
         raise InputError(
             f"{self.model.spec} cannot be pumped up: at cos_theta = {self._cos[k]:.3g} {why}"
         )
@@ -528,15 +529,16 @@ class Ladder:
         self._pass_on()
         while True:
             value, own = self._values()
-            own = own + self._rounded(np.log(value))
-            fits = self._fits(self._pieces, np.log(value), own)
+            logs = np.log(value)
+            own = own + self._rounded(logs)
+            fits = self._fits(self._pieces, logs, own)
             poor = [k for k, fit in enumerate(fits) if fit.bound > self.rtol and not fit.stuck]
             # The worst come first: there is room for so many.
             poor.sort(key=lambda k: -fits[k].bound)
             room = max(_MOST_PIECES - len(self._pieces), 0)
             if not poor[:room] or not self._refine(poor[:room]):
                 break
-        self._thin_out(fits, np.log(value), own)
+        self._thin_out(fits, logs, own)
         fine = LogCurve(
             np.array([piece.low for piece in self._pieces] + [LAST]),
             np.stack([fit.series for fit in fits]),
@@ -548,7 +550,7 @@ class Ladder:
         self._transfer.append(self._shares(curve))
         self._cells.append(np.union1d(self._cells[-1] if self._cells else self._start, curve.edges))
         self._mates.append(mates(curve, self._heights, self.control == "literal"))
-        self._join(curve, np.log(value), own)
+        self._join(curve, logs, own)
         self.curves.append(curve)
         return curve
 
