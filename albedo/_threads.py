@@ -32,12 +32,17 @@ def threads() -> int:
     """
     chosen = os.environ.get("ALBEDO_THREADS", "")
     if not chosen:
-        # Not all cores of a machine are there for each process.
-        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-        return min(cores or 1, _MOST)
+        return _cores(os.getpid())
     if not chosen.isdecimal() or not 1 <= int(chosen) <= _MOST:
         raise InputError(f"ALBEDO_THREADS = {chosen!r} is out of range; it lies in [1, {_MOST}]")
     return int(chosen)
+
+
+@cache
+def _cores(process: int) -> int:
+    """Cores that this process has when it first asks: not all of a machine are there for each."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return min(cores or 1, _MOST)
 
 
 class _BlasInOne(ContextDecorator):
@@ -132,11 +137,14 @@ def _worth(amount: float, least: float) -> int:
     Every thread has to be woken up, and the lock of the interpreter is handed to one at a time: p
     of them take W / p + p w, which is least where p is the root of W / w.
     """
-    return max(min(threads(), math.isqrt(int(2.0 * amount / least))), 1)
+    most = math.isqrt(int(2.0 * amount / least))
+    return min(threads(), most) if most > 1 else 1
 
 
 def _found(work: Callable[[slice], _Result], ends: list[int], most: int) -> list[_Result]:
     parts = [slice(a, b) for a, b in itertools.pairwise(ends)]
+    if len(parts) == 1:
+        return [work(parts[0])]
     # What waits in a thread of the pool must not wait for another.
     workers = 1 if hasattr(_inside, "pool") else min(most, len(parts))
     if workers == 1:
