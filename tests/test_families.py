@@ -15,7 +15,7 @@ from albedo.charts.heights import LAST, folded
 from albedo.operators.families import Families
 from albedo.operators.ladder import Ladder, _finest, rings_of
 from albedo.operators.nodes import cosines
-from albedo.operators.profiles import _NOISE, Ahead, Profiles, common
+from albedo.operators.panels import _NOISE, Ahead, Panels, common
 
 RTOL = 7.2e-12
 SPECS = [
@@ -49,13 +49,13 @@ def families_of(part: Part, model: Model) -> Families:
     return Families(model, part, rings_of(part), max(RTOL, finest), finest)
 
 
-def numbered(profiles: Profiles) -> np.ndarray:
+def numbered(profiles: Panels) -> np.ndarray:
     """The segment of each panel, counting through all rows."""
     key = np.column_stack((profiles.row, profiles.code[:, 0], profiles.box[:, 4]))
     return np.unique(key, axis=0, return_inverse=True)[1].ravel()
 
 
-def compared(found: Profiles, known: Profiles) -> tuple[np.ndarray, np.ndarray]:
+def compared(found: Panels, known: Panels) -> tuple[np.ndarray, np.ndarray]:
     """Differences of what rows hold above the parts of panels, and what their bounds grant."""
     groups = numbered(found), numbered(known)
     ends = [np.concatenate((found.box[:, column], known.box[:, column])) for column in (2, 3)]
@@ -84,13 +84,13 @@ def test_densities_are_within_the_bounds_of_families(spec: str, rng: np.random.G
     model = next(albedo.grammar.parse(spec).models())
     for part in model.parts():
         families = families_of(part, model)
-        families.profiles(cosines(Y))
+        families.panels(cosines(Y))
         stretches = [s for s in families._stretches[None] if s.family is not None]
         assert stretches
         y = np.array([s.low + rng.uniform(size=4) * (s.high - s.low) for s in stretches]).ravel()
         c = cosines(y)
-        found = families.profiles(c)
-        known = Profiles.of(model, part, families.chart, c, max(RTOL / 100.0, families.finest))
+        found = families.panels(c)
+        known = Panels.of(model, part, families.chart, c, max(RTOL / 100.0, families.finest))
         np.testing.assert_array_equal(found.geometry, known.geometry)
         worst, slack = compared(found, known)
         assert np.all(worst <= slack)
@@ -104,17 +104,17 @@ def test_families_know_what_is_next_to_nothing(spec: str, rng: np.random.Generat
     ahead = Ahead(Ladder(model, None, 1e-6).step())
     families = families_of(part, model)
     y = np.linspace(-11.0, -5.0, 120)
-    families.profiles(cosines(y), ahead)
+    families.panels(cosines(y), ahead)
     stretches = [s for s in families._stretches[ahead] if s.family is not None]
     assert len(stretches) >= 2
     y = np.array([s.low + rng.uniform(size=4) * (s.high - s.low) for s in stretches]).ravel()
-    found = families.profiles(cosines(y), ahead)
+    found = families.panels(cosines(y), ahead)
     assert np.all(found.ahead == 1)
     rtol = max(RTOL / 16.0, families.finest)
-    known = Profiles.of(model, part, families.chart, cosines(y), rtol, ahead)
+    known = Panels.of(model, part, families.chart, cosines(y), rtol, ahead)
     worst, slack = compared(found, known)
     assert np.all(worst <= slack)
-    plain = Profiles.of(model, part, families.chart, cosines(y), families.rtol)
+    plain = Panels.of(model, part, families.chart, cosines(y), families.rtol)
     lost = []
     for rows in (found, plain):
         held = ahead.shares(rows.geometry, rows.code, rows.box, rows.row, rows.series[:, 0])
@@ -132,22 +132,22 @@ def test_families_stand_for_the_model_where_many_rows_are_asked_for(
     (part,) = model.parts()
     families = families_of(part, model)
     few = cosines(np.linspace(-1.9, -1.1, 20))
-    families.profiles(few)
+    families.panels(few)
     # Few rows are no reason to make a family.
     assert all(s.family is None for s in families._stretches[None])
-    made, real = [], Profiles.of.__func__
+    made, real = [], Panels.of.__func__
 
-    def counted(cls: type[Profiles], *args: Any) -> Profiles:
+    def counted(cls: type[Panels], *args: Any) -> Panels:
         made.append(args[3].size)
         return real(cls, *args)
 
-    monkeypatch.setattr(Profiles, "of", classmethod(counted))
+    monkeypatch.setattr(Panels, "of", classmethod(counted))
     c = cosines(np.linspace(-1.1, -1.9, 200))
-    found = families.profiles(c)
+    found = families.panels(c)
     assert sum(made) <= 150
     before = sum(made)
     np.testing.assert_array_equal(found.geometry[:, 0], c)
-    again = families.profiles(np.concatenate((c[7:90:3], few)))
+    again = families.panels(np.concatenate((c[7:90:3], few)))
     assert sum(made) == before
     value = np.bincount(found.row, found.series[:, 0])
     np.testing.assert_allclose(
@@ -164,7 +164,7 @@ def test_no_family_where_a_kink_was_not_told() -> None:
     families = Families(model, part, replace(rings_of(part), levels=None), 1e-8, finest)
     (height,) = part.heights
     y = folded(np.array(height)) + np.linspace(-0.04, 0.04, 100)
-    families.profiles(cosines(y))
+    families.panels(cosines(y))
     assert not any(
         s.family for s in families._stretches[None] if s.low < folded(np.array(height)) < s.high
     )
@@ -174,5 +174,5 @@ def test_no_family_where_its_rows_could_not_be_better() -> None:
     model = albedo.model("phong", n=20)
     (part,) = model.parts()
     families = Families(model, part, rings_of(part), 3e-13, _finest(part))
-    families.profiles(cosines(np.linspace(-1.0, -0.5, 100)))
+    families.panels(cosines(np.linspace(-1.0, -0.5, 100)))
     assert not families._stretches[None]

@@ -320,7 +320,7 @@ def test_curves_of_families_are_those_of_rows_from_the_model(
 ) -> None:
     model = next(albedo.grammar.parse(spec).models())
     found = climbed(model, 3)
-    monkeypatch.setattr(Families, "profiles", Families.direct)
+    monkeypatch.setattr(Families, "panels", Families.direct)
     exact = Ladder(model, None, 5e-12)
     while len(exact.curves) < 3:
         exact.step()

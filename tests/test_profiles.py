@@ -15,7 +15,8 @@ from albedo.integrators.adaptive import Refined, refine, refine_alike
 from albedo.integrators.cells import ModelIntegrand
 from albedo.operators.divisor import LogCurve
 from albedo.operators.ladder import Ladder, rings_of
-from albedo.operators.profiles import _LIMIT, Ahead, Profiles, _height, _judge_series, _Store
+from albedo.operators.panels import _LIMIT, Ahead, Panels, _judge_series, height_at
+from albedo.operators.profiles import Profiles, _Store
 
 COSINES = np.array([1.0, 0.7, 0.3, 1e-2, 1e-5])
 MODELS = [
@@ -30,7 +31,7 @@ models = pytest.mark.parametrize("model", MODELS, ids=lambda model: model.spec)
 
 def profiles_of(model: Model, rtol: float = 1e-11) -> Profiles:
     (part,) = model.parts()
-    return Profiles.of(model, part, rings_of(part), COSINES, rtol)
+    return Profiles(Panels.of(model, part, rings_of(part), COSINES, rtol))
 
 
 def total(profiles: Profiles) -> tuple[np.ndarray, np.ndarray]:
@@ -241,10 +242,10 @@ def test_what_is_next_to_nothing_can_be_had_as_precisely() -> None:
     (part,) = model.parts()
     ahead = Ahead(Ladder(model, None, 1e-6).step())
     for chosen in (None, ahead):
-        profiles = Profiles.of(model, part, rings_of(part), COSINES, 1e-11, chosen)
-        assert np.all(profiles.ahead == int(chosen is not None))
-        panels = profiles.code, profiles.box, profiles.row, profiles.series[:, 0]
-        worst = float((profiles.blur / ahead.shares(profiles.geometry, *panels)).max())
+        rows = Panels.of(model, part, rings_of(part), COSINES, 1e-11, chosen)
+        assert np.all(rows.ahead == int(chosen is not None))
+        panels = rows.code, rows.box, rows.row, rows.series[:, 0]
+        worst = float((rows.blur / ahead.shares(rows.geometry, *panels)).max())
         assert (worst <= 1e-11) == (chosen is not None)
 
 
@@ -253,14 +254,14 @@ def test_shares_hold_all_panels_that_are_as_dark() -> None:
     model = albedo.model("blinn", n=20)
     (part,) = model.parts()
     curve = Ladder(model, None, 1e-6).step()
-    p = Profiles.of(model, part, rings_of(part), COSINES, 1e-8)
+    p = Panels.of(model, part, rings_of(part), COSINES, 1e-8)
     held = p.series[:, 0]
     steps = (0.0, 4.0, 12.0, 30.0)
     found = Ahead(curve, steps).shares(p.geometry, p.code, p.box, p.row, held)
     height = np.array(
         [
             [
-                _height.py_func(p.geometry[r], code[0], code[3], box, t)
+                height_at.py_func(p.geometry[r], code[0], code[3], box, t)
                 for r, code, box in zip(p.row, p.code, p.box, strict=True)
             ]
             for t in (0.0, 0.5, 1.0)

@@ -25,7 +25,7 @@ from albedo.brdf import Model, Part
 from albedo.charts.heights import FIRST, LAST, folded
 from albedo.charts.rings import RingsChart
 from albedo.operators.nodes import LEBESGUE, MOST, TRUST, cosines, places
-from albedo.operators.profiles import TERMS, Ahead, Profiles, common, doubt_of, restricted
+from albedo.operators.panels import TERMS, Ahead, Panels, common, doubt_of, restricted
 
 _EPS = np.finfo(np.float64).eps
 # Sums of as many terms as a family has rows.
@@ -111,7 +111,7 @@ class _Family:
     scale : ndarray of int, shape (m,)
         The scale of each panel: what a row sends on, or a panel.
     blur, tail : ndarray, shape (m,)
-        As in `Profiles`, for panels whose scale is 1.
+        As in `Panels`, for panels whose scale is 1.
     doubt, shift : float
         The worst of the rows it was made from.
     ahead : bool
@@ -137,7 +137,7 @@ class _Family:
         cls,
         y: np.ndarray,
         kind: np.ndarray,
-        rows: Profiles,
+        rows: Panels,
         first: int,
         rtol: float,
         ahead: Ahead | None,
@@ -201,7 +201,7 @@ class _Family:
             *(blur, LEBESGUE * tail, doubt, shift, ahead is not None),
         )
 
-    def rows(self, segments: _Segments, which: np.ndarray, y: np.ndarray) -> dict[str, np.ndarray]:
+    def rows(self, segments: _Segments, which: np.ndarray, y: np.ndarray) -> Panels:
         """Rows and panels at some of the rows of segments, which lie at y."""
         n, m = which.size, self.segment.size
         found = _basis(y, self.low, self.high) @ self.series
@@ -209,19 +209,19 @@ class _Family:
         scale = np.exp(found[:, -count:])[:, self.scale]
         box = np.empty((n, m, 6))
         box[:, :, :4], box[:, :, 4:] = self.box, segments.ends[which][:, self.segment]
-        return {
-            "geometry": segments.geometry[which],
-            "doubt": np.full(n, self.doubt),
-            "shift": np.full(n, self.shift),
-            "ahead": np.full(n, int(self.ahead)),
-            "row": np.repeat(np.arange(n), m),
-            "code": segments.code[which][:, self.segment].reshape(n * m, -1),
-            "box": box.reshape(n * m, -1),
-            "order": np.tile(self.order, n),
-            "series": (scale[:, :, None] * found[:, :-count].reshape(n, m, -1)).reshape(n * m, -1),
-            "blur": (scale * self.blur).ravel(),
-            "tail": (scale * self.tail).ravel(),
-        }
+        return Panels(
+            geometry=segments.geometry[which],
+            doubt=np.full(n, self.doubt),
+            shift=np.full(n, self.shift),
+            ahead=np.full(n, int(self.ahead)),
+            row=np.repeat(np.arange(n), m),
+            code=segments.code[which][:, self.segment].reshape(n * m, -1),
+            box=box.reshape(n * m, -1),
+            order=np.tile(self.order, n),
+            series=(scale[:, :, None] * found[:, :-count].reshape(n, m, -1)).reshape(n * m, -1),
+            blur=(scale * self.blur).ravel(),
+            tail=(scale * self.tail).ravel(),
+        )
 
 
 @dataclass(eq=False)
@@ -276,13 +276,13 @@ class Families:
         self.rtol, self.finest = rtol, finest
         self._stretches: dict[Ahead | None, list[_Stretch]] = {}
 
-    def direct(self, c: np.ndarray, ahead: Ahead | None = None, fine: bool = False) -> Profiles:
-        """Rows from the model, see `Profiles.of`; fine ones are as good as those of families."""
+    def direct(self, c: np.ndarray, ahead: Ahead | None = None, fine: bool = False) -> Panels:
+        """Rows from the model, see `Panels.of`; fine ones are as good as those of families."""
         rtol = max(self.rtol / _BETTER[1], self.finest) if fine else self.rtol
-        return Profiles.of(self.model, self.part, self.chart, c, rtol, ahead)
+        return Panels.of(self.model, self.part, self.chart, c, rtol, ahead)
 
-    def profiles(self, c: np.ndarray, ahead: Ahead | None = None) -> Profiles:
-        """Rows at some cosines: those of families where it is worth while; see `Profiles.of`."""
+    def panels(self, c: np.ndarray, ahead: Ahead | None = None) -> Panels:
+        """Rows at some cosines: those of families where it is worth while; see `Panels.of`."""
         y = folded(c)
         segments = _Segments.of(self.chart, self.part, c)
         found, order = [], []
@@ -294,14 +294,14 @@ class Families:
             which = np.flatnonzero(inside & segments.like(family.kind))
             left[which] = False
             if which.size:
-                found.append(Profiles.whole(**family.rows(segments, which, y[which])))
+                found.append(family.rows(segments, which, y[which]))
                 found[-1].shift += doubt_of(self.part, c[which])
                 order.append(which)
         rest = np.flatnonzero(left)
         if rest.size:
             found.append(self.direct(c[rest], ahead))
             order.append(rest)
-        return Profiles.together(found, order)
+        return Panels.together(found, order)
 
     @cached_property
     def _cuts(self) -> list[tuple[float, float]]:
@@ -351,7 +351,7 @@ class Families:
         if alike.any():
             c = cosines(y[alike])
             rtol = max(self.rtol / _BETTER[1], self.finest)
-            rows = Profiles.of(self.model, self.part, self.chart, c.ravel(), rtol, ahead)
+            rows = Panels.of(self.model, self.part, self.chart, c.ravel(), rtol, ahead)
             rows.shift -= doubt_of(self.part, c.ravel())
             for k, at in enumerate(np.flatnonzero(alike).tolist()):
                 kind = kinds[at, 0][kinds[at, 0] >= 0]

@@ -47,8 +47,9 @@ from albedo.operators.divisor import (
 from albedo.operators.families import Families
 from albedo.operators.joined import joined
 from albedo.operators.nodes import MOST, TRUST, cosines
+from albedo.operators.panels import Ahead, Panels
 from albedo.operators.pieces import FRESH, Piece, bound_of
-from albedo.operators.profiles import Ahead, Profiles, Runs
+from albedo.operators.profiles import Profiles, Runs
 
 _EPS = np.finfo(np.float64).eps
 _ROUNDINGS = 40.0
@@ -324,12 +325,12 @@ class Ladder:
             families = self._families_of(part, level > 1)
             if level < 2:
                 ahead = Ahead(self.curves[0], clamped=clamped) if level else None
-                found.append(families.profiles(c[rows], ahead))
+                found.append(families.panels(c[rows], ahead))
             else:
                 ahead = Ahead(self.curves[0], _FARTHEST, clamped)
                 found.append(families.direct(c[rows], ahead, True))
             found[-1].ahead[:] = level
-        profiles = Profiles.together(found, which)
+        profiles = Profiles(Panels.together(found, which))
         self._meet(profiles, c, 0)
         return profiles
 

@@ -1,13 +1,9 @@
-r"""What a divisor of heights needs of a model: at every incidence, its integrals around rings.
+"""Integrals around rings over what they are divided by, at many incidences: a sum for each step.
 
-The integral of f (n.v) around the ring of one height, over a panel of heights, is a smooth
-function of the place t on the panel: a Legendre series, had once from the cells of the integrator.
-A *slice* is a part of a panel, with a Gauss rule of its own on which the series is read. So a
-panel is cut where a divisor has a kink without computing the model again, and a step of pumping-up
-costs a sum over the nodes of slices.
-
-Two errors of a panel do not depend on what is divided by but in its size: that of the rules along
-the rings, and what the series leaves out. That of the rules of slices is read from their spectra.
+A *slice* is a part of a panel (`albedo.operators.panels`), with a Gauss rule of its own on which
+the panel's series is read. So a panel is cut where a divisor has a kink without computing the
+model again, and a step of pumping-up costs a sum over the nodes of slices. What a rule errs by is
+read from its spectrum.
 """
 
 from __future__ import annotations
@@ -17,45 +13,25 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.polynomial.legendre import legvander
 
 from albedo._compile import kernel
-from albedo._threads import in_batches, side_by_side
-from albedo.brdf import Model, Part
+from albedo._threads import side_by_side
 from albedo.charts._compiled import clustered
 from albedo.charts.heights import LOWEST, elevation_at, fold_elevation, folded, log_height
-from albedo.charts.rings import RingsChart, elevation, stretched
-from albedo.integrators.adaptive import refine_alike
-from albedo.integrators.cells import (
-    Cells,
-    ModelIntegrand,
-    fill_spectrum,
-    probe_cells,
-    rules_by_order,
-)
-from albedo.integrators.rules import LADDER, gauss, stopping_bound
+from albedo.integrators.cells import fill_spectrum, rules_by_order
+from albedo.integrators.rules import LADDER, stopping_bound
 from albedo.operators.divisor import LogCurve, curve_along, curve_at, is_below
+from albedo.operators.panels import OF_PANELS, OF_ROWS, TERMS, Panels, height_at, place_at
 
-TERMS = LADDER[-1]
-"""Legendre coefficients of a panel."""
-_LIMIT = 400_000
-# What a series leaves out of a panel, in terms of its last coefficients.
-_TAIL, _WINDOW = 4.0, 3
-# It counts for less than errors along the rings: a panel that is not cut does not read its series.
-_SHOWN = 0.2
-# Roundings at the nodes are amplified by the degree in the last coefficients.
-_NOISE = 1024.0 * np.finfo(np.float64).eps
 # A panel has nodes for this many e-folds of its error; a part of one has a few more than that
 # takes, for what it is divided by, and this many at least.
 _DIGITS, _MORE, _LEAST = 27.6, 4.0, 8.0
 # Where nodes are clustered there are so many times more: what is smooth has twice the degree.
 _CLUSTERED = 1.5
-# Slices that are worth another thread, and rows that one integrates at once.
-_FEW, _BATCH = 300, 64
+# Slices that are worth another thread.
+_FEW = 300
 # Pairs of slices and places that are looked at at once: few slices have any, and each may have all.
 _ROOM = 1_000_000
-# Rows that begin with the cells of the one in their midst.
-_ALIKE = 20
 # Nodes are moved together when there are so many for each that is used.
 _HOLES = 2
 # Kinks that are closer than this, as a share of a panel, are one.
@@ -102,7 +78,7 @@ class _Store:
 
     def append(self, **more: np.ndarray) -> None:
         """Fill up all arrays; with zeros those of which nothing is given."""
-        (count,) = {a.size for a in more.values()}
+        (count,) = {len(a) for a in more.values()}
         self.lengthen(count)
         for name, array in self.arrays.items():
             array[self.size - count : self.size] = more.get(name, 0)
@@ -111,9 +87,9 @@ class _Store:
         """Append entries that are still to be filled."""
         last = self.size + count
         for name, array in self.arrays.items():
-            if last > array.size:
+            if last > len(array):
                 # Pages that are not touched cost nothing.
-                room = np.empty(2 * last, array.dtype)
+                room = np.empty((2 * last, *array.shape[1:]), array.dtype)
                 room[: self.size] = array[: self.size]
                 self.arrays[name] = room
         self.size = last
@@ -121,7 +97,10 @@ class _Store:
     def keep(self, number: np.ndarray) -> None:
         """Give up all entries but those of these numbers, which ascend."""
         for array in self.arrays.values():
-            _move_up(array, number)
+            if array.ndim == 1:
+                _move_up(array, number)
+            else:
+                array[: number.size] = array[number]
         self.size = number.size
 
 
@@ -239,159 +218,36 @@ class Runs:
     total: np.ndarray
 
 
-@dataclass(frozen=True)
-class Ahead:
-    """What rows will be worth after steps, of which one albedo is known.
-
-    Where both albedos are small, what is next to nothing at first is much once it is divided by
-    them time and again. From step to step most is sent on to heights that are darker, down to where
-    V is as dark as L; so what is wanted of a row is wanted of its heights up to any albedo.
-
-    Where control keeps the product of all steps it comes down to the larger cosine, and stays
-    there: what is wanted of a row is wanted of what is divided by any cosine, too.
-
-    Attributes
-    ----------
-    curve : LogCurve
-        The albedo that is known.
-    steps : tuple of float
-        Numbers of steps that may have divided by the known albedo before others are dark no more.
-    clamped : bool
-        Control keeps the product.
-    """
-
-    curve: LogCurve
-    steps: tuple[float, ...] = (0.0, 4.0, 12.0)
-    clamped: bool = False
-
-    def shares(
-        self,
-        geometry: np.ndarray,
-        code: np.ndarray,
-        box: np.ndarray,
-        row: np.ndarray,
-        held: np.ndarray,
-    ) -> np.ndarray:
-        """What panels will hold, each with all that are as dark or darker, of what they hold now.
-
-        Parameters
-        ----------
-        geometry : ndarray, shape (n, ...)
-            What a chart tells of the rows.
-        code, box, row, held : ndarray, shape (m, ...)
-            Of the panels: what the chart tells of them, their rows, and what they hold.
-
-        Returns
-        -------
-        ndarray, shape (m,)
-            What an error of a panel is to be divided by, at least. It is what the panels hold, but
-            that the darkest part of the panel may have been divided by less than the middle.
-        """
-        albedo = np.empty((2, row.size))
-        at_l = self.curve.at(folded(geometry[:, 0], geometry[:, 1]))[row]
-        _larger(geometry[row], code, box, at_l, *self.curve.pieces, albedo)
-        found = np.empty(row.size)
-        order = np.lexsort((albedo[1], row))
-        _share(order, row, albedo[0] - at_l, albedo[1] - at_l, held, np.array(self.steps), found)
-        if self.clamped:
-            _share_clamped(np.argsort(row, kind="stable"), row, geometry, code, box, held, found)
-        return found
-
-    def weights(self, geometry: np.ndarray, cells: Cells) -> np.ndarray:
-        """How many times more errors of cells count then than at first."""
-        found = self.shares(geometry, cells.code, cells.box, cells.row, cells.size)
-        size = np.bincount(cells.row, cells.size, geometry.shape[0])[cells.row]
-        return np.maximum(size / np.maximum(found, 1e-300), 1.0)
-
-
-@dataclass
 class Profiles:
-    """One part of a model at many incidences.
+    """Rows and panels that are cut into slices, at first one for each.
+
+    Parameters
+    ----------
+    panels : Panels
+        Their arrays are taken over.
 
     Attributes
     ----------
     geometry, doubt, shift, ahead : ndarray, shape (n, ...), (n,), (n,), (n,)
-        Of the rows: what the chart told, factors of bounds, relative errors that no rule has, and
-        how far ahead steps were looked: 0 for not at all.
-    row, code, box, order, series : ndarray, shape (m, ...)
-        Of the panels: their rows, what the chart needs to know, and Legendre coefficients.
-    blur, tail : ndarray, shape (m,)
-        Bounds on the error along the rings, and on what a series leaves out.
+        Of the rows, see `albedo.operators.panels.Panels`.
+    row, code, box, order, series, blur, tail : ndarray, shape (m, ...)
+        Of the panels.
     slices : Slices
     """
 
-    geometry: np.ndarray
-    doubt: np.ndarray
-    shift: np.ndarray
-    ahead: np.ndarray
-    row: np.ndarray
-    code: np.ndarray
-    box: np.ndarray
-    order: np.ndarray
-    series: np.ndarray
-    blur: np.ndarray
-    tail: np.ndarray
-    slices: Slices
+    row, code, box = _Column("_panels"), _Column("_panels"), _Column("_panels")
+    order, series = _Column("_panels"), _Column("_panels")
+    blur, tail = _Column("_panels"), _Column("_panels")
 
-    @classmethod
-    def of(
-        cls,
-        model: Model,
-        part: Part,
-        chart: RingsChart,
-        cos_theta: np.ndarray,
-        rtol: float,
-        ahead: Ahead | None = None,
-    ) -> Profiles:
-        """Integrate around rings at some incidences, with panels that are slices as a whole.
-
-        They are worth `rtol` after steps ahead, too.
-        """
-
-        numbers = np.array(model.pack(), dtype=np.float64)
-
-        def some(which: slice) -> Profiles:
-            c = cos_theta[which]
-            n = c.size
-            p, scale = part.packed(np.tile(numbers, (n, 1))), np.full(n, part.scale)
-            integrand = ModelIntegrand(part.fill, p, scale, shared=True)
-            # Rows take over what was found for one of those next to them.
-            rank = np.argsort(c)
-            like = np.empty(n, dtype=int)
-            like[rank] = rank[np.minimum(_ALIKE * (np.arange(n) // _ALIKE) + _ALIKE // 2, n - 1)]
-            done = refine_alike(
-                *(chart, integrand, c, np.zeros(n), np.tile(part.widths, (n, 1)), True, like),
-                rtol=rtol,
-                atol=0.0,
-                limit=_LIMIT,
-                judge_series=_judge_series,
-                weigh=ahead.weights if ahead else None,
-            )
-            cells = done.cells
-            # What directions moved by an ulp change, as a share of what is sent on, and what the
-            # numbers of the part are worth.
-            moved = probe_cells(chart, integrand, done.geometry, cells, n, 1)
-            sent = np.maximum(np.bincount(cells.row, cells.value, n), 1e-300)
-            shift = 4.0 * moved / sent + doubt_of(part, c)
-            rows = done.geometry, done.doubt, shift, np.full(n, int(ahead is not None))
-            return cls.whole(
-                **dict(zip((*_OF_ROWS, *_OF_PANELS), (*rows, *_stacked(cells)), strict=True))
-            )
-
-        found, *others = in_batches(some, cos_theta.size, _BATCH)
-        for other in others:
-            found.extend(other)
-        return found
-
-    @classmethod
-    def whole(cls, **arrays: np.ndarray) -> Profiles:
-        """Rows and panels, of which each is one slice."""
-        found = cls(**arrays, slices=Slices())
-        m = found.row.size
+    def __init__(self, panels: Panels) -> None:
+        self.geometry, self.doubt = panels.geometry, panels.doubt
+        self.shift, self.ahead = panels.shift, panels.ahead
+        m = panels.row.size
+        self._panels = _Store({name: getattr(panels, name) for name in OF_PANELS}, m)
+        self.slices = Slices()
         ends = np.zeros(m), np.ones(m)
-        found._put(np.empty(0, int), np.arange(m), *ends, found.order, np.zeros(m, int))
-        found.slices.log_product[:] = 0.0
-        return found
+        self._put(np.empty(0, int), np.arange(m), *ends, self.order, np.zeros(m, int))
+        self.slices.log_product[:] = 0.0
 
     def sums(
         self, control: int, log_light: np.ndarray
@@ -590,36 +446,21 @@ class Profiles:
         number = np.full(self.geometry.shape[0], -1)
         number[rows] = np.arange(rows.size)
         self._keep_panels(number[self.row] >= 0)
-        self.row = number[self.row]
-        for name in _OF_ROWS:
+        self.row[:] = number[self.row]
+        for name in OF_ROWS:
             setattr(self, name, getattr(self, name)[rows])
-
-    def renumber(self, number: np.ndarray) -> None:
-        """Put all rows in another order; the new number of each is given."""
-        self.row = number[self.row]
-        for name in _OF_ROWS:
-            setattr(self, name, getattr(self, name)[np.argsort(number)])
-
-    @staticmethod
-    def together(found: list[Profiles], which: list[np.ndarray]) -> Profiles:
-        """Rows that were found in groups, in the order of the numbers of each."""
-        first, *others = found
-        for other in others:
-            first.extend(other)
-        first.renumber(np.concatenate(which))
-        return first
 
     def extend(self, other: Profiles) -> None:
         """Take in the rows of others, after the own ones."""
         rows = np.arange(other.geometry.shape[0]) + self.geometry.shape[0]
-        for name in _OF_ROWS:
+        for name in OF_ROWS:
             setattr(self, name, np.concatenate((getattr(self, name), getattr(other, name))))
         self._take_in(other, rows)
 
     def replace(self, rows: np.ndarray, other: Profiles) -> None:
         """Put others in the places of some rows."""
         self._keep_panels(~np.isin(self.row, rows))
-        for name in _OF_ROWS:
+        for name in OF_ROWS:
             array = getattr(self, name).copy()
             array[rows] = getattr(other, name)
             setattr(self, name, array)
@@ -629,19 +470,15 @@ class Profiles:
         """Give up all panels but those that a mask tells."""
         self.slices.keep(stays[self.slices.panel])
         self.slices.panel[:] = (np.cumsum(stays) - 1)[self.slices.panel]
-        for name in _OF_PANELS:
-            setattr(self, name, getattr(self, name)[stays])
+        self._panels.keep(np.flatnonzero(stays))
 
     def _take_in(self, other: Profiles, rows: np.ndarray) -> None:
         """Add the panels and slices of others, whose rows are those."""
         self.slices.extend(other.slices, self.row.size)
-        for name in _OF_PANELS:
-            more = rows[other.row] if name == "row" else getattr(other, name)
-            setattr(self, name, np.concatenate((getattr(self, name), more)))
+        columns = {name: getattr(other, name) for name in OF_PANELS}
+        self._panels.append(**{**columns, "row": rows[other.row]})
 
 
-_OF_ROWS = ("geometry", "doubt", "shift", "ahead")
-_OF_PANELS = ("row", "code", "box", "order", "series", "blur", "tail")
 _RUNGS = np.array(LADDER)
 
 
@@ -655,181 +492,9 @@ def _orders(order: np.ndarray, share: np.ndarray) -> np.ndarray:
     return _rungs(np.maximum(_DIGITS / (_DIGITS / order - np.log(share)) + _MORE, _LEAST))
 
 
-def doubt_of(part: Part, cos_theta: np.ndarray) -> np.ndarray:
-    """Relative errors of a part that its own numbers have, for some incidences."""
-    own = part.doubt(cos_theta) if callable(part.doubt) else part.doubt
-    return np.broadcast_to(own, cos_theta.shape)
-
-
-def _judge_series(cells: Cells) -> None:
-    """Take what series leave out for the errors along v, so far as it is more than rounding."""
-    tail = _tails(cells.series, cells.order[:, 1])
-    seen = tail > _NOISE * np.abs(cells.series).max(1)
-    cells.error[:, 1] = np.where(seen, _SHOWN * tail, 0.0)
-
-
-def _tails(series: np.ndarray, order: np.ndarray) -> np.ndarray:
-    """What series of some lengths leave out, at most."""
-    column = np.arange(series.shape[1])
-    last = (column >= (order - _WINDOW)[:, None]) & (column < order[:, None])
-    tails: np.ndarray = _TAIL * np.abs(np.where(last, series, 0.0)).max(1)
-    return tails
-
-
-def _stacked(cells: Cells) -> tuple[np.ndarray, ...]:
-    """Panels of heights, see `Profiles`: no end of a cell lies inside one, and cells that stand
-    above it are added up."""
-    rank = np.lexsort((cells.box[:, 4], cells.code[:, 0], cells.row))
-    key = np.column_stack((cells.row, cells.code[:, 0], cells.box[:, 4]))[rank]
-    group = np.empty(rank.size, int)
-    group[rank] = np.cumsum(np.append(False, np.any(key[1:] != key[:-1], axis=1)))
-    cell, panel, starts, ends = common(group, cells.box[:, 2], cells.box[:, 3])
-    # What all cells above a panel have in common, from one of them.
-    some = np.empty(starts.size, int)
-    some[panel] = cell
-    box = cells.box[some].copy()
-    box[:, 2], box[:, 3] = starts, ends
-    order = np.zeros(starts.size, int)
-    np.maximum.at(order, panel, cells.order[cell, 1])
-    series = np.zeros((starts.size, TERMS))
-    np.add.at(series, panel, restricted(cells, cell, box[panel, 2], box[panel, 3]))
-    tail = np.bincount(panel, _tails(cells.series, cells.order[:, 1])[cell], starts.size)
-    blur = np.bincount(panel, cells.error[cell, 0], starts.size)
-    return cells.row[some], cells.code[some], box, order, series, blur, tail
-
-
-def common(group: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Cut what covers [0, 1] in each group so that no end lies inside a part.
-
-    Parameters
-    ----------
-    group, low, high : ndarray, shape (m,)
-        The group of each cell, from 0 on, and its ends.
-
-    Returns
-    -------
-    cell, part : ndarray of int
-        Which part lies in which cell.
-    starts, ends : ndarray
-        Of the parts of one group after the other.
-    """
-    # A group takes up [2 g, 2 g + 1] of one line.
-    low, high = 2 * group + low, 2 * group + high
-    line = np.unique(np.concatenate((low, high)))
-    real = np.flatnonzero(line[1:] // 2 == line[:-1] // 2)
-    first, last = np.searchsorted(line[real], low), np.searchsorted(line[real], high)
-    cell = np.repeat(np.arange(group.size), last - first)
-    begin = np.cumsum(last - first) - (last - first)
-    part = np.arange(cell.size) - begin[cell] + first[cell]
-    base = 2.0 * (line[real] // 2)
-    return cell, part, line[real] - base, line[real + 1] - base
-
-
-def restricted(
-    cells: Cells | Profiles, cell: np.ndarray, low: np.ndarray, high: np.ndarray
-) -> np.ndarray:
-    """Series of some cells, or panels, on parts of them, which is exact."""
-    series = cells.series[cell]
-    start, size = cells.box[cell, 2], cells.box[cell, 3] - cells.box[cell, 2]
-    part = np.flatnonzero(high - low < size)
-    if part.size:
-        rule = gauss(TERMS)
-        share = ((high - low) / size)[part, None]
-        t = ((low - start) / size)[part, None] + share * rule.nodes
-        values = np.einsum("mjk,mk->mj", legvander(2.0 * t - 1.0, TERMS - 1), series[part])
-        series[part] = share * values @ rule.to_coefficients
-    return series
-
-
 # Legendre's recurrence, and no division in a loop.
 _DEGREE = np.arange(TERMS)
 _RISE, _FALL = (2.0 * _DEGREE + 1.0) / (_DEGREE + 1.0), (_DEGREE + 1.0) / (_DEGREE + 2.0)
-
-
-@kernel
-def _height(g, side, power, box, t):
-    """Elevation of V at a place of a panel."""
-    x, _ = clustered(box[2] + (box[3] - box[2]) * t, power)
-    return elevation(g, side, box[4] + (box[5] - box[4]) * x)[0]
-
-
-@kernel
-def _place(g, side, power, box, e_v):
-    """The place on a panel where V has an elevation."""
-    x = (stretched(g, side, e_v) - box[4]) / (box[5] - box[4])
-    x = min(max(x, 0.0), 1.0)
-    if power == 1:
-        x = math.sqrt(x)
-    elif power == 2:
-        x = 1.0 - math.sqrt(1.0 - x)
-    elif power == 3:
-        # x = sin(a)^2 has the place 1/2 + sin(2 a/3 - pi/6 ...): the root of 3 t^2 - 2 t^3 = x.
-        x = 0.5 - math.sin(math.asin(1.0 - 2.0 * x) / 3.0)
-    elif power == 4:
-        x = 1.0 - math.sqrt(math.sqrt(1.0 - x))
-    return (x - box[2]) / (box[3] - box[2])
-
-
-@kernel
-def _larger(geometry, code, box, at_l, parts, cells, found):
-    """Fill the larger albedo of L and V on panels, in logarithms: the least, and in the middle."""
-    for k in range(at_l.size):
-        found[0, k] = math.inf
-        for i in range(3):
-            e_v = _height(geometry[k], code[k, 0], code[k, 3], box[k], 0.5 * i)
-            value = max(curve_at(fold_elevation(e_v), parts, cells, 0), at_l[k])
-            found[0, k] = min(found[0, k], value)
-            if i == 1:
-                found[1, k] = value
-
-
-@kernel
-def _share(order, row, least, middle, held, steps, found):
-    """Fill what `Ahead.shares` finds; `order` has the panels of each row, from the darkest on."""
-    found[:] = math.inf
-    for k in steps:
-        whole, first = 0.0, 0
-        while first < order.size:
-            # Panels that are equally dark stand for each other.
-            last, i = first, order[first]
-            while last < order.size and row[order[last]] == row[i]:
-                if middle[order[last]] != middle[i]:
-                    break
-                whole += held[order[last]] * math.exp(-k * middle[i])
-                last += 1
-            for j in order[first:last]:
-                found[j] = min(found[j], whole * math.exp(k * least[j]))
-            if last < order.size and row[order[last]] != row[i]:
-                whole = 0.0
-            first = last
-
-
-@kernel
-def _share_clamped(order, row, geometry, code, box, held, found):
-    """Lower what `_share` found to what is held, of panels over any cosine; `order` has the panels
-    of each row together.
-
-    A panel is divided by x = max(n.l, n.v) as soon as the product is that small; those with larger
-    cosines are divided by theirs, and those with smaller ones by as much.
-    """
-    least, most = np.empty(row.size), np.empty(row.size)
-    for k in range(row.size):
-        g = geometry[row[k]]
-        c_0 = math.sin(_height(g, code[k, 0], code[k, 3], box[k], 0.0))
-        c_1 = math.sin(_height(g, code[k, 0], code[k, 3], box[k], 1.0))
-        least[k] = max(min(c_0, c_1), g[0], LOWEST)
-        most[k] = max(max(c_0, c_1), g[0], LOWEST)
-    first = 0
-    while first < order.size:
-        last = first
-        while last < order.size and row[order[last]] == row[order[first]]:
-            last += 1
-        for j in order[first:last]:
-            whole = 0.0
-            for i in order[first:last]:
-                whole += held[i] * min(1.0, least[j] / most[i])
-            found[j] = min(found[j], whole)
-        first = last
 
 
 @kernel
@@ -863,7 +528,7 @@ def _lay_out(
             x, slope = clustered(nodes[q, j], bent[k])
             t = start[k] + size * x
             density[first[k] + j] = size * slope
-            y[first[k] + j] = fold_elevation(_height(g, side, power, box[i], t))
+            y[first[k] + j] = fold_elevation(height_at(g, side, power, box[i], t))
             u[j] = 2.0 * t - 1.0
             last[j] = before[j] = 0.0
         # Nodes inside: what is done for all of them at once does not wait for the term before.
@@ -875,8 +540,8 @@ def _lay_out(
                 last[j] = here
         for j in range(q):
             density[first[k] + j] *= series[i, 0] + u[j] * last[j] - 0.5 * before[j]
-        y_0 = fold_elevation(_height(g, side, power, box[i], start[k]))
-        y_1 = fold_elevation(_height(g, side, power, box[i], end[k]))
+        y_0 = fold_elevation(height_at(g, side, power, box[i], start[k]))
+        y_1 = fold_elevation(height_at(g, side, power, box[i], end[k]))
         low[k], high[k] = min(y_0, y_1), max(y_0, y_1)
 
 
@@ -1089,9 +754,9 @@ def _find_kinks(
             if value[k] * min(change[0], change[1]) > least[r]:
                 which[count] = k
                 e_v = elevation_at(level)
-                place[count] = _place(geometry[r], code[i, 0], code[i, 3], box[i], e_v)
+                place[count] = place_at(geometry[r], code[i, 0], code[i, 3], box[i], e_v)
                 sides[count] = bent_sides[after + m - own] if m >= own else 0
-                if _height(geometry[r], code[i, 0], code[i, 3], box[i], start[k]) > e_v:
+                if height_at(geometry[r], code[i, 0], code[i, 3], box[i], start[k]) > e_v:
                     # What is above comes before.
                     sides[count] = (sides[count] >> 1) | ((sides[count] & 1) << 1)
                 if start[k] < place[count] < end[k]:
