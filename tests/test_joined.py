@@ -126,3 +126,30 @@ def test_pieces_among_known_rows_are_as_good_as_they_say(gaps: int, bent: int) -
 def test_rows_that_crowd_do_not_make_a_piece() -> None:
     crowd = np.concatenate(([-0.9], np.linspace(-0.3, -0.2999, 40), [0.3]))
     assert Piece.among(-0.9, 0.3, 0, 16, crowd) is None
+
+
+@pytest.mark.parametrize("bent", [0, 1, 2])
+def test_what_parts_of_a_piece_will_miss_is_told_by_its_series(bent: int) -> None:
+    """As their own series on half as many rows miss it, for what the whole holds."""
+    whole = Piece(-0.9, 0.3, bent, 16)
+    # The first of them is bent as the whole is, the second nowhere, the third on its own.
+    parts = Piece(-0.9, -0.2, bent & 1, 8), Piece(-0.2, 0.3, bent & 2, 8), Piece(-0.6, 0.0, 2, 4)
+
+    def function(y: np.ndarray) -> np.ndarray:
+        found: np.ndarray = np.exp(1.5 * chebyshev.chebval(whole.polynomials(y)[:, 1], [0, 1]))
+        return found
+
+    series = np.zeros(TERMS)
+    series[:17] = whole.to_series @ function(whole.y[:17])
+    for part in parts:
+        own = part.to_series @ function(part.y[: part.gaps + 1])
+        y = np.linspace(part.low, part.high, 2000)
+        missed = np.abs(part.polynomials(y) @ own - function(y)).max()
+        # Coefficients that are left out are aliased, and may be of one sign: twice their sum.
+        told = whole.left_out(series, part)
+        assert missed <= 2.0 * told + 1e-14
+        assert told <= 20.0 * missed + 1e-14
+    rich = Piece(-0.9, -0.2, bent & 1, 16)
+    assert whole.left_out(series, rich) == 0.0
+    assert rich.halved.gaps == 8
+    assert set(rich.halved.y.tolist()) <= set(rich.y.tolist())

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from albedo._compile import kernel
-from albedo._threads import blas_in_one, by_weight, in_batches
+from albedo._threads import blas_in_one, by_weight, in_batches, side_by_side
 from albedo.brdf import Model, Part
 from albedo.charts.axis import AxisChart
 from albedo.charts.cosine import CosineChart
@@ -72,8 +72,8 @@ _SHARE, _ROUNDS, _NARROWEST, _MOST_SLICES = 0.04, 32, 1e-6, 2000
 # What a kink that no node sees may hide in one slice, as a share of the tolerance, and how many of
 # those in a row are taken to hide all of it.
 _HIDDEN, _MANY = 0.001, 20.0
-# Pairs of heights that are worth another thread.
-_WORTH = 500
+# Pairs of heights, and cells, that are worth another thread.
+_WORTH, _FEW_CELLS = 500, 20
 # What a curve that later steps divide by may differ from the one that was fitted, as a share of it.
 _JOINED = 0.05
 # Half the nodes do where they leave this share of the tolerance.
@@ -537,7 +537,7 @@ class Ladder:
             # The worst come first: there is room for so many.
             poor.sort(key=lambda k: -fits[k].bound)
             room = max(_MOST_PIECES - len(self._pieces), 0)
-            if not poor[:room] or not self._refine(poor[:room]):
+            if not poor[:room] or not self._refine({k: fits[k] for k in poor[:room]}):
                 break
         self._thin_out(fits, logs, own)
         fine = LogCurve(
@@ -576,56 +576,61 @@ class Ladder:
         known = log_light, rows, edges, _UNSURE * sum(curve.bound.max() for curve in self.curves)
         runs = [profiles.sent(control, *known) for profiles in self._parts]
         mirror = self._mirror()[0][rows]
-        together = self._averaged(runs, mirror, c, of_cell)
-        found = [together]
-        for run in runs:
-            alone = len(runs) == 1 and not mirror.any()
-            own = together if alone else self._averaged([run], np.zeros(c.size), c, of_cell)
-            found.append(own)
-        self._passed = steps, together[0]
+        found = self._averaged(runs, mirror, c, of_cell)
+        self._passed = steps, found[0, 0]
         self._averages[steps] = (np.abs(found) @ self._new(steps)).max(1)
 
     def _averaged(
         self, runs: list[Runs], mirror: np.ndarray, c: np.ndarray, of_cell: np.ndarray
     ) -> np.ndarray:
-        """What the errors of all curves do to an average over some light, on the cells of the last.
-
-        They are as many as there are rows for each cell.
+        """What the errors of all curves do to averages over some light, on the cells of the last.
 
         Parameters
         ----------
         runs : list of Runs
-            The light that rows send on.
+            The light that rows send on, by part.
         mirror : ndarray, shape (n,)
             What they send on to the height that they come from.
         c : ndarray, shape (n,)
             Cosines of the rows.
         of_cell : ndarray of int, shape (k, m)
             The rows that stand for each cell.
+
+        Returns
+        -------
+        ndarray, shape (1 + parts, k, m, errors)
+            In the average over all light, and over that of each part.
         """
         middle, y_l = _middles(self._cells[-1]), folded(c)
-        found = np.zeros((*of_cell.shape, self._transfer[-1].shape[1]))
         # Where nothing is sent on, nothing is averaged.
-        total = np.maximum(mirror + sum(run.total for run in runs), 1e-300)
+        totals = [mirror + sum(run.total for run in runs), *(run.total for run in runs)]
+        # One part alone is all.
+        alone = len(runs) == 1 and not mirror.any()
+        share = 1.0 / np.maximum(totals[:1] if alone else totals, 1e-300)
 
-        def of_curve(part: slice) -> tuple[np.ndarray, np.ndarray]:
+        def of_curve(part: slice) -> tuple[np.ndarray, ...]:
             k = part.start
             earlier, cells, transfer = self.curves[k], self._cells[k], self._transfer[k]
             # Cells are cut and never joined: each lies in one of an earlier curve.
             of_earlier = np.searchsorted(cells, middle) - 1
             at_l = earlier.at(y_l)
-            matrix, own = np.zeros((c.size, transfer.shape[0])), mirror.copy()
-            for run in runs:
-                of_v = of_earlier[run.piece]
-                from_v = run.row, of_v, run.y, run.share, run.lowest
-                spread(*from_v, at_l, *earlier.pieces, matrix, own)
-            passed: np.ndarray = matrix / total[:, None] @ transfer
-            kept: np.ndarray = (own / total)[of_cell, None] * transfer[of_earlier]
-            return passed, kept
+            matrix = np.zeros((len(runs), c.size, transfer.shape[0]))
+            own = np.zeros((len(runs), c.size))
+            for run, from_v, from_l in zip(runs, matrix, own, strict=True):
+                place = run.row, of_earlier[run.piece], run.y, run.share, run.lowest
+                spread(*place, at_l, *earlier.pieces, from_v, from_l)
+            return matrix @ transfer, np.vstack((own.sum(0) + mirror, own)), of_earlier
 
-        for passed, kept in in_batches(of_curve, len(self.curves), 1):
-            found[:, :, : passed.shape[1]] -= passed[of_cell] + kept
-        return found
+        known = in_batches(of_curve, len(self.curves), 1)
+        found = np.zeros((len(share), *of_cell.shape, self._transfer[-1].shape[1]))
+
+        def subtract(part: slice) -> None:
+            for (passed, own, of_earlier), transfer in zip(known, self._transfer, strict=True):
+                rest = passed, own, transfer, of_earlier[part], of_cell[:, part]
+                _subtract(*rest, share, found[:, :, part])
+
+        side_by_side(subtract, middle.size, _FEW_CELLS)
+        return np.broadcast_to(found, (len(totals), *found.shape[1:]))
 
     def _shares(self, curve: LogCurve) -> np.ndarray:
         """What the errors of all curves do to that of a new one, on its cells: see the module.
@@ -736,7 +741,7 @@ class Ladder:
         """Give pieces half their nodes where these do: later albedos are smoother."""
         which = list(range(len(self._pieces)))
         while which := [k for k in which if self._pieces[k].may_have_fewer]:
-            halves = [replace(p, gaps=p.gaps // 2) for p in (self._pieces[k] for k in which)]
+            halves = [self._pieces[k].halved for k in which]
             found = zip(which, halves, self._fits(halves, logs, own), strict=True)
             ample = [of for of in found if of[2].bound <= _AMPLE * self.rtol]
             for k, half, fit in ample:
@@ -790,17 +795,25 @@ class Ladder:
                     return piece
         return None
 
-    def _refine(self, poor: list[int]) -> bool:
+    def _refine(self, poor: dict[int, _Fit]) -> bool:
         """Cut pieces where an earlier curve bends; else give them more nodes, or halve them.
 
-        Whether there was one that is not too short.
+        Those of some numbers, with what was fitted to them. Whether there was one that is not too
+        short.
         """
         seen = [self._pieces[k] for k in poor]
         y = np.concatenate([np.linspace(piece.low, piece.high, _LOOKS) for piece in seen])
         turnings = self._divisor().turnings(np.unique(y))
         pieces = []
         for k, piece in enumerate(self._pieces):
-            pieces += self._refined(piece, turnings) if k in poor else [piece]
+            if k not in poor:
+                pieces.append(piece)
+                continue
+            for found in self._refined(piece, turnings):
+                # What is known of the whole mostly tells whether few nodes will do for a part.
+                few = found is not piece and found.gaps < MOST
+                rest = piece.left_out(poor[k].series, found) if few else 0.0
+                pieces.append(replace(found, gaps=MOST) if TRUST * rest > self.rtol else found)
         changed = len(pieces) > len(self._pieces) or any(map(operator.is_not, pieces, self._pieces))
         self._pieces = pieces
         self._lay_out()
@@ -835,6 +848,26 @@ class Ladder:
             else:
                 found.append(Piece.new(low, high, 1 if first else 2 if last else 0))
         return found
+
+
+@kernel
+def _subtract(passed, own, transfer, of_earlier, of_cell, share, found):
+    """Take from averages what one curve errs by at V, and at L where that has the larger albedo.
+
+    `passed` has that at V for all light of each part and row; `own` what is divided by L's albedo.
+    """
+    for n in range(found.shape[0]):
+        first, last = (0, passed.shape[0]) if n == 0 else (n - 1, n)
+        for i in range(of_cell.shape[0]):
+            for k in range(of_cell.shape[1]):
+                r, e = of_cell[i, k], of_earlier[k]
+                scale = share[n, r]
+                at_l = scale * own[n, r]
+                for m in range(transfer.shape[1]):
+                    found[n, i, k, m] -= at_l * transfer[e, m]
+                for p in range(first, last):
+                    for m in range(transfer.shape[1]):
+                        found[n, i, k, m] -= scale * passed[p, r, m]
 
 
 @kernel

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.polynomial import chebyshev
 
+from albedo._compile import kernel
 from albedo.charts.heights import folded
 from albedo.operators.divisor import placed, straight
 from albedo.operators.nodes import FEWEST, LEBESGUE, MOST, TRUST, cosines, places
@@ -54,30 +55,21 @@ class Piece:
     def among(cls, low: float, high: float, bent: int, gaps: int, y: np.ndarray) -> Piece | None:
         """A piece whose points are some of many, the ends among them; None where they do not do."""
         x = straight(np.clip(folded(cosines(y)), low, high), low, high, bent)
-        # Those that tell most that the ones before do not, first of all the ends.
-        rest = chebyshev.chebvander(x, gaps)
-        nodes = [int(np.argmin(y)), int(np.argmax(y))]
-        for k in range(gaps + 1):
-            if k >= len(nodes):
-                nodes.append(int(np.argmax((rest * rest).sum(1))))
-            own = rest[nodes[k]]
-            size = float(own @ own)
-            # What is told already leaves nothing but rounding.
-            if size < 1e-16:
-                return None
-            rest = rest - np.outer(rest @ own, own / size)
-        # Fresh points stand where interpolants err most.
-        fresh: list[int] = []
-        size = np.abs(x[:, None] - x[nodes]).prod(1)
-        for _ in range(FRESH[gaps]):
-            fresh.append(int(np.argmax(size)))
-            size = size * np.abs(x - x[fresh[-1]])
-        found = cls(low, high, bent, gaps, y[nodes + fresh])
+        chosen = np.empty(gaps + 1 + FRESH[gaps], dtype=int)
+        chosen[:2] = np.argmin(y), np.argmax(y)
+        if not _choose(x, chebyshev.chebvander(x, gaps), chosen):
+            return None
+        found = cls(low, high, bent, gaps, y[chosen])
         return found if found.worse <= _WORSE else None
 
     def refined(self) -> Piece:
         """With the next larger usual number of gaps, on nodes of Chebyshev."""
         return replace(self, gaps=_USUAL if self.gaps < _USUAL else MOST, chosen=None)
+
+    @cached_property
+    def halved(self) -> Piece:
+        """With every second of its nodes."""
+        return replace(self, gaps=self.gaps // 2)
 
     @cached_property
     def y(self) -> np.ndarray:
@@ -93,6 +85,15 @@ class Piece:
         # Cosines are rounded: near 1 they stand for another angle.
         y = np.clip(folded(cosines(y)), self.low, self.high)
         return chebyshev.chebvander(straight(y, self.low, self.high, self.bent), self.gaps)
+
+    def left_out(self, series: np.ndarray, part: Piece) -> float:
+        """What the gaps of another piece leave out of a series of this one, which holds that."""
+        y = replace(part, gaps=MOST, chosen=None).y[: MOST + 1]
+        x = straight(np.clip(y, self.low, self.high), self.low, self.high, self.bent)
+        value = chebyshev.chebvander(x, series.size - 1) @ series
+        # Chebyshev's nodes with both ends, from the lower one on.
+        own = _to_all() @ value
+        return float(np.abs(own[part.gaps + 1 :]).sum())
 
     @cached_property
     def basis(self) -> np.ndarray:
@@ -121,6 +122,52 @@ class Piece:
     def may_have_fewer(self) -> bool:
         """Whether every second of its nodes may do."""
         return self.chosen is None and self.gaps > FEWEST
+
+
+@kernel
+def _choose(x, rest, chosen):
+    """Fill points of a piece, of which the first two are its ends; whether there are enough.
+
+    Nodes are those that tell most that the ones before do not: `rest` has the polynomials at x.
+    Fresh points, which follow, stand where interpolants err most.
+    """
+    count, terms = rest.shape
+    size = np.empty(count)
+    for k in range(terms):
+        if k > 1:
+            for i in range(count):
+                size[i] = 0.0
+                for m in range(terms):
+                    size[i] += rest[i, m] * rest[i, m]
+            chosen[k] = np.argmax(size)
+        own, whole = rest[chosen[k]].copy(), 0.0
+        for m in range(terms):
+            whole += own[m] * own[m]
+        # What is told already leaves nothing but rounding.
+        if whole < 1e-16:
+            return False
+        for i in range(count):
+            share = 0.0
+            for m in range(terms):
+                share += rest[i, m] * own[m]
+            share /= whole
+            for m in range(terms):
+                rest[i, m] -= share * own[m]
+    size[:] = 1.0
+    for k in range(chosen.size):
+        if k >= terms:
+            chosen[k] = np.argmax(size)
+        for i in range(count):
+            size[i] *= abs(x[i] - x[chosen[k]])
+    return True
+
+
+@cache
+def _to_all() -> np.ndarray:
+    """The matrix from values at the most nodes to coefficients."""
+    at = straight(placed(places(MOST)[: MOST + 1], 0), 0.0, 1.0, 0)
+    found: np.ndarray = np.linalg.inv(chebyshev.chebvander(at, MOST))
+    return found
 
 
 def bound_of(missed: np.ndarray, noise: np.ndarray, worse: float | np.ndarray) -> np.ndarray:
