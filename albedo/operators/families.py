@@ -33,7 +33,7 @@ _ROUNDINGS = 8.0
 # A family is made of 25 rows where so many are asked for, of which there are many more later where
 # steps are looked ahead. They are better than what is asked for by the second factor, since their
 # errors are amplified, and by the first at least.
-_WORTH, _WORTH_AHEAD, _BETTER = 30, 8, (4.0, 16.0)
+_WORTH, _WORTH_AHEAD, _BETTER = 18, 8, (4.0, 16.0)
 # After steps ahead a row may lose so many times what it may at first.
 _LENIENT = 4.0
 # Mean squares of Legendre's polynomials.

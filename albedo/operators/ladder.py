@@ -528,11 +528,17 @@ class Ladder:
     def step(self) -> LogCurve:
         """The curve of the present albedo; later steps divide by it."""
         self._pass_on()
+        known: dict[Piece, _Fit] = {}
+        before = np.empty(0)
         while True:
             value, own = self._values()
-            logs = np.log(value)
+            if not np.array_equal(value[: before.size], before):
+                known.clear()
+            before, logs = value, np.log(value)
             own = own + self._rounded(logs)
-            fits = self._fits(self._pieces, logs, own)
+            fresh = [piece for piece in self._pieces if piece not in known]
+            known |= zip(fresh, self._fits(fresh, logs, own), strict=True)
+            fits = [known[piece] for piece in self._pieces]
             poor = [k for k, fit in enumerate(fits) if fit.bound > self.rtol and not fit.stuck]
             # The worst come first: there is room for so many.
             poor.sort(key=lambda k: -fits[k].bound)
