@@ -1,7 +1,7 @@
 r"""The albedos of a model that is pumped up again and again, each step for the price of a sum.
 
 The divisor of a step knows only the heights of L and V. So what all steps need of the model is its
-integral around each ring of constant n.v (`albedo.operators.profiles`), and a step multiplies, adds
+integral around each ring of constant n.v (`albedo.operators.panels`), and a step multiplies, adds
 up and reads the spectra anew. Where two albedos cross, a ring is a kink from then on.
 
 An albedo that is read by later steps carries an error into them; that of the last curve is what

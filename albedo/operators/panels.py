@@ -35,7 +35,7 @@ _SHOWN = 0.2
 # Roundings at the nodes are amplified by the degree in the last coefficients.
 _NOISE = 1024.0 * np.finfo(np.float64).eps
 # Rows that one integrates at once, and those that begin with the cells of the one in their midst.
-_BATCH, _ALIKE = 64, 20
+_BATCH, _ALIKE = 64, 13
 
 
 @dataclass(frozen=True)
