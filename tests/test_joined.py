@@ -145,10 +145,11 @@ def test_what_parts_of_a_piece_will_miss_is_told_by_its_series(bent: int) -> Non
         own = part.to_series @ function(part.y[: part.gaps + 1])
         y = np.linspace(part.low, part.high, 2000)
         missed = np.abs(part.polynomials(y) @ own - function(y)).max()
-        # Coefficients that are left out are aliased, and may be of one sign: twice their sum.
+        # Coefficients that are left out are aliased: they count twice at most, and here nearly do,
+        # because they fall fast and have one sign.
         told = whole.left_out(series, part)
         assert missed <= 2.0 * told + 1e-14
-        assert told <= 20.0 * missed + 1e-14
+        assert told <= missed + 1e-14
     rich = Piece(-0.9, -0.2, bent & 1, 16)
     assert whole.left_out(series, rich) == 0.0
     assert rich.halved.gaps == 8
