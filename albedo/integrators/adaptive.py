@@ -176,7 +176,7 @@ def refine_alike(
     phi: np.ndarray,
     widths: np.ndarray,
     isotropic: bool,
-    like: np.ndarray,
+    most: int,
     *,
     rtol: float,
     atol: float | np.ndarray,
@@ -186,13 +186,14 @@ def refine_alike(
 ) -> Refined:
     """As `refine`, where rows begin with the cells that were found for others like them.
 
-    A row that has other panels than the one it is like begins as usual. The others take over its
-    orders and cuts, and how far its bounds were to be doubted.
+    Those are the orders and cuts of the row in the midst of some that have the same panels and
+    follow each other, and how far its bounds were to be doubted. It begins like the row in the
+    midst of all that have the same panels.
 
     Parameters
     ----------
-    like : ndarray of int, shape (n,)
-        Which row each is like; those that others are like, themselves.
+    most : int
+        How many rows are like one, at most.
     chart, integrand, cos_theta, phi, widths, isotropic, rtol, atol, limit, judge_series, weigh
         As in `refine`.
 
@@ -203,45 +204,78 @@ def refine_alike(
     n = cos_theta.size
     geometry, row, code, box = chart.panels(cos_theta, phi, widths, isotropic)
     ends = np.searchsorted(row, np.arange(n + 1))
-    key = np.column_stack((code, box[:, :4]))
     panels = [slice(a, b) for a, b in itertools.pairwise(ends.tolist())]
-    alike = np.array(
-        [k != i and np.array_equal(key[panels[k]], key[panels[i]]) for k, i in enumerate(like)]
-    )
-    rest, first = np.flatnonzero(alike), np.flatnonzero(~alike)
+    root, lead = _leads(cos_theta, [(code[own], box[own, :4]) for own in panels], most)
     atol = np.broadcast_to(atol, n)
-    how: dict[str, Any] = {"rtol": rtol, "limit": limit, "judge_series": judge_series}
+    how: dict[str, Any] = {"limit": limit, "judge_series": judge_series, "weigh": weigh}
+    first = np.unique(root)
+    leads = np.setdiff1d(lead, first)
+    rest = np.setdiff1d(np.arange(n), np.append(first, leads))
     done = refine(
         *(chart, of_rows(integrand, first), cos_theta[first], phi[first], widths[first], isotropic),
-        **(how | {"atol": atol[first], "weigh": weigh, "rtol": _AHEAD * rtol}),
+        **(how | {"rtol": _AHEAD * rtol, "atol": atol[first]}),
     )
-    if rest.size == 0:
-        return done
-    found, place = done.cells, np.empty(n, dtype=int)
-    place[first] = np.arange(first.size)
-    own: list[np.ndarray] = [np.empty(0, dtype=int)] * n
-    of_panel = own.copy()
-    for i in np.unique(like[rest]).tolist():
-        own[i] = np.flatnonzero(found.row == place[i])
-        of_panel[i] = panels[i].start + _panels_of(found, own[i], code[panels[i]], box[panels[i]])
-    cell = np.concatenate([own[like[k]] for k in rest])
-    # Panels of both stand in the same order.
-    moved = [of_panel[like[k]] - panels[like[k]].start + panels[k].start for k in rest.tolist()]
-    panel = np.concatenate(moved)
-    boxes = found.box[cell].copy()
+    found = [(done, first)]
+    for which, like, worth in ((leads, root[leads], _AHEAD * rtol), (rest, lead[rest], rtol)):
+        if which.size == 0:
+            continue
+        known, numbers = _together(*found), np.sort(np.concatenate([rows for _, rows in found]))
+        cells, spent = _begun_alike(known.cells, which, like, panels, code, box)
+        inner = of_rows(integrand, which)
+        evaluate(chart, inner, geometry[which], cells)
+        if judge_series:
+            judge_series(cells)
+        doubt, rounds = known.doubt[np.searchsorted(numbers, like)], np.zeros(which.size, dtype=int)
+        begun = Refined(geometry[which], cells, doubt, spent, rounds, done.start)
+        _go_on(*(chart, inner, begun), **(how | {"rtol": worth, "atol": atol[which]}))
+        found.append((begun, which))
+    return _together(*found)
+
+
+def _leads(
+    cos_theta: np.ndarray, panels: list[tuple[np.ndarray, np.ndarray]], most: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """The row in the midst of all that have the same panels, and of at most so many of those.
+
+    Rows with other panels than all the others are their own.
+    """
+    alike: dict[bytes, list[int]] = {}
+    for k in np.argsort(cos_theta, kind="stable").tolist():
+        alike.setdefault(b"".join(known.tobytes() for known in panels[k]), []).append(k)
+    root, lead = np.empty((2, cos_theta.size), dtype=int)
+    for rows in alike.values():
+        root[rows] = rows[len(rows) // 2]
+        for run in np.array_split(rows, -(-len(rows) // most)):
+            lead[run] = run[run.size // 2]
+    return root, lead
+
+
+def _begun_alike(
+    known: Cells,
+    rows: np.ndarray,
+    like: np.ndarray,
+    panels: list[slice],
+    code: np.ndarray,
+    box: np.ndarray,
+) -> tuple[Cells, np.ndarray]:
+    """Cells of some rows as those of others, still to be evaluated, and how many nodes each has.
+
+    `panels` tells which codes and boxes are those of each row: in the same order where rows are
+    alike.
+    """
+    own: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+    for i in np.unique(like).tolist():
+        cell = np.flatnonzero(known.row == i)
+        own[i] = cell, _panels_of(known, cell, code[panels[i]], box[panels[i]])
+    pairs = list(zip(rows.tolist(), like.tolist(), strict=True))
+    cell = np.concatenate([own[i][0] for _, i in pairs])
+    panel = np.concatenate([own[i][1] + panels[k].start for k, i in pairs])
+    row = np.repeat(np.arange(rows.size), [own[i][0].size for _, i in pairs])
+    boxes = known.box[cell].copy()
     boxes[:, 4:] = box[panel, 4:]
-    of_row = np.repeat(np.arange(rest.size), [m.size for m in moved])
-    terms = _TOP if judge_series else 0
-    cells = Cells.blank(of_row, code[panel], boxes, found.order[cell], terms)
-    spent = np.bincount(of_row, weights=cells.order.prod(1), minlength=rest.size).astype(int)
-    inner = of_rows(integrand, rest)
-    evaluate(chart, inner, geometry[rest], cells)
-    if judge_series:
-        judge_series(cells)
-    doubt, rounds = done.doubt[place[like[rest]]], np.zeros(rest.size, dtype=int)
-    begun = Refined(geometry[rest], cells, doubt, spent, rounds, done.start)
-    _go_on(*(chart, inner, begun), **(how | {"atol": atol[rest], "weigh": weigh}))
-    return _together((done, first), (begun, rest))
+    cells = Cells.blank(row, code[panel], boxes, known.order[cell], known.series.shape[1])
+    spent = np.bincount(row, weights=cells.order.prod(1), minlength=rows.size).astype(int)
+    return cells, spent
 
 
 def _panels_of(cells: Cells, which: np.ndarray, code: np.ndarray, box: np.ndarray) -> np.ndarray:

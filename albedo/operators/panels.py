@@ -12,9 +12,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.polynomial.legendre import legvander
 
-from albedo._compile import kernel
+from albedo._compile import inlined, kernel
 from albedo._threads import in_batches
 from albedo.brdf import Model, Part
 from albedo.charts._compiled import clustered
@@ -149,12 +148,8 @@ class Panels:
             n = c.size
             p, scale = part.packed(np.tile(numbers, (n, 1))), np.full(n, part.scale)
             integrand = ModelIntegrand(part.fill, p, scale, shared=True)
-            # Rows take over what was found for one of those next to them.
-            rank = np.argsort(c)
-            like = np.empty(n, dtype=int)
-            like[rank] = rank[np.minimum(_ALIKE * (np.arange(n) // _ALIKE) + _ALIKE // 2, n - 1)]
             done = refine_alike(
-                *(chart, integrand, c, np.zeros(n), np.tile(part.widths, (n, 1)), True, like),
+                *(chart, integrand, c, np.zeros(n), np.tile(part.widths, (n, 1)), True, _ALIKE),
                 rtol=rtol,
                 atol=0.0,
                 limit=_LIMIT,
@@ -274,11 +269,45 @@ def restricted(
     part = np.flatnonzero(high - low < size)
     if part.size:
         rule = gauss(TERMS)
-        share = ((high - low) / size)[part, None]
-        t = ((low - start) / size)[part, None] + share * rule.nodes
-        values = np.einsum("mjk,mk->mj", legvander(2.0 * t - 1.0, TERMS - 1), series[part])
-        series[part] = share * values @ rule.to_coefficients
+        begin, share = ((low - start) / size)[part], ((high - low) / size)[part]
+        values = np.empty((part.size, TERMS))
+        _read(series[part], begin, share, rule.nodes, values)
+        series[part] = share[:, None] * values @ rule.to_coefficients
     return series
+
+
+# Legendre's recurrence, and no division in a loop.
+_DEGREE = np.arange(TERMS)
+_RISE, _FALL = (2.0 * _DEGREE + 1.0) / (_DEGREE + 1.0), (_DEGREE + 1.0) / (_DEGREE + 2.0)
+
+
+@inlined
+def fill_legendre(series, terms, u, last, before, out):
+    """Fill sums of some terms of a Legendre series at places from -1 to 1, by Clenshaw's rule.
+
+    `last` and `before` are room for as many numbers as there are places.
+    """
+    for j in range(u.size):
+        last[j] = before[j] = 0.0
+    # Places inside: what is done for all of them at once does not wait for the term before.
+    for m in range(terms - 1, 0, -1):
+        term, rise, fall = series[m], _RISE[m], _FALL[m]
+        for j in range(u.size):
+            here = term + (rise * u[j] * last[j] - fall * before[j])
+            before[j] = last[j]
+            last[j] = here
+    for j in range(u.size):
+        out[j] = series[0] + u[j] * last[j] - 0.5 * before[j]
+
+
+@kernel
+def _read(series, begin, share, nodes, values):
+    """Fill what series hold at the nodes of a part of each."""
+    u, last, before = np.empty(TERMS), np.empty(TERMS), np.empty(TERMS)
+    for k in range(begin.size):
+        for j in range(TERMS):
+            u[j] = 2.0 * (begin[k] + share[k] * nodes[j]) - 1.0
+        fill_legendre(series[k], TERMS, u, last, before, values[k])
 
 
 @kernel

@@ -21,7 +21,15 @@ from albedo.charts.heights import LOWEST, elevation_at, fold_elevation, folded, 
 from albedo.integrators.cells import fill_spectrum, rules_by_order
 from albedo.integrators.rules import LADDER, stopping_bound
 from albedo.operators.divisor import LogCurve, curve_along, curve_at, is_below
-from albedo.operators.panels import OF_PANELS, OF_ROWS, TERMS, Panels, height_at, place_at
+from albedo.operators.panels import (
+    OF_PANELS,
+    OF_ROWS,
+    TERMS,
+    Panels,
+    fill_legendre,
+    height_at,
+    place_at,
+)
 
 # A panel has nodes for this many e-folds of its error; a part of one has a few more than that
 # takes, for what it is divided by, and this many at least.
@@ -492,11 +500,6 @@ def _orders(order: np.ndarray, share: np.ndarray) -> np.ndarray:
     return _rungs(np.maximum(_DIGITS / (_DIGITS / order - np.log(share)) + _MORE, _LEAST))
 
 
-# Legendre's recurrence, and no division in a loop.
-_DEGREE = np.arange(TERMS)
-_RISE, _FALL = (2.0 * _DEGREE + 1.0) / (_DEGREE + 1.0), (_DEGREE + 1.0) / (_DEGREE + 2.0)
-
-
 @kernel
 def _lay_out(
     fresh,
@@ -520,6 +523,7 @@ def _lay_out(
 ):
     """Fill the nodes of slices, integrals around rings by Clenshaw's sum and heights, and ends."""
     u, last, before = np.empty(TERMS), np.empty(TERMS), np.empty(TERMS)
+    held = np.empty(TERMS)
     for k in fresh:
         i, q = panel[k], order[k]
         g, side, power = geometry[row[i]], code[i, 0], code[i, 3]
@@ -530,16 +534,9 @@ def _lay_out(
             density[first[k] + j] = size * slope
             y[first[k] + j] = fold_elevation(height_at(g, side, power, box[i], t))
             u[j] = 2.0 * t - 1.0
-            last[j] = before[j] = 0.0
-        # Nodes inside: what is done for all of them at once does not wait for the term before.
-        for m in range(length[i] - 1, 0, -1):
-            term, rise, fall = series[i, m], _RISE[m], _FALL[m]
-            for j in range(q):
-                here = term + (rise * u[j] * last[j] - fall * before[j])
-                before[j] = last[j]
-                last[j] = here
+        fill_legendre(series[i], length[i], u[:q], last, before, held)
         for j in range(q):
-            density[first[k] + j] *= series[i, 0] + u[j] * last[j] - 0.5 * before[j]
+            density[first[k] + j] *= held[j]
         y_0 = fold_elevation(height_at(g, side, power, box[i], start[k]))
         y_1 = fold_elevation(height_at(g, side, power, box[i], end[k]))
         low[k], high[k] = min(y_0, y_1), max(y_0, y_1)
