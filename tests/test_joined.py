@@ -12,7 +12,8 @@ from numpy.polynomial import chebyshev
 from albedo.charts.heights import FIRST, LAST
 from albedo.operators.divisor import TERMS, LogCurve, placed
 from albedo.operators.joined import joined
-from albedo.operators.pieces import FRESH, Piece
+from albedo.operators.nodes import MOST
+from albedo.operators.pieces import FRESH, Piece, between
 
 BEND = -0.4
 Function = Callable[[np.ndarray], np.ndarray]
@@ -126,6 +127,29 @@ def test_pieces_among_known_rows_are_as_good_as_they_say(gaps: int, bent: int) -
 def test_rows_that_crowd_do_not_make_a_piece() -> None:
     crowd = np.concatenate(([-0.9], np.linspace(-0.3, -0.2999, 40), [0.3]))
     assert Piece.among(-0.9, 0.3, 0, 16, crowd) is None
+
+
+@pytest.mark.parametrize("low", [FIRST, -16.12391650365695, -1.0, 0.9])
+@pytest.mark.parametrize("first", [False, True])
+@pytest.mark.parametrize("last", [False, True])
+def test_nodes_between_bends_differ_however_close_they_are(
+    low: float, first: bool, last: bool
+) -> None:
+    """Down to the least distance of two marks; those that were clustered had been one number."""
+    for size in np.geomspace(1.1e-11, 0.1, 60):
+        high = low + size
+        found = between(low, high, first, last)
+        assert [piece.low for piece in found[1:]] == [piece.high for piece in found[:-1]]
+        assert (found[0].low, found[-1].high) == (low, high)
+        # Ends that bend have the clustered nodes, but where nothing would be left between them.
+        assert (found[0].bent == 1, found[-1].bent == 2) == (
+            (first, last) if size > 2e-8 else (False, False)
+        )
+        for piece in found:
+            while piece.gaps < MOST:
+                piece = piece.refined()
+            assert np.unique(piece.y).size == piece.y.size
+            assert np.all(np.isfinite(piece.to_series))
 
 
 @pytest.mark.parametrize("bent", [0, 1, 2])

@@ -48,7 +48,7 @@ from albedo.operators.families import Families
 from albedo.operators.joined import joined
 from albedo.operators.nodes import MOST, TRUST, cosines
 from albedo.operators.panels import Ahead, Panels
-from albedo.operators.pieces import FRESH, Piece, bound_of
+from albedo.operators.pieces import FRESH, Piece, between, bound_of
 from albedo.operators.profiles import Profiles, Runs
 
 _EPS = np.finfo(np.float64).eps
@@ -844,16 +844,11 @@ class Ladder:
                 return [piece]
             middle = 0.5 * (a + b)
             return [Piece.new(a, middle, bent & 1), Piece.new(middle, b, bent & 2)]
-        # Ends that bend have the clustered nodes; between two of them a piece is halved.
         corners = [(a, bent == 1), *((x, True) for x in inside), (b, bent == 2)]
-        found = []
-        for (low, first), (high, last) in itertools.pairwise(corners):
-            middle = 0.5 * (low + high)
-            if first and last:
-                found += [Piece.new(low, middle, 1), Piece.new(middle, high, 2)]
-            else:
-                found.append(Piece.new(low, high, 1 if first else 2 if last else 0))
-        return found
+        pairs = itertools.pairwise(corners)
+        return [
+            one for (low, first), (high, last) in pairs for one in between(low, high, first, last)
+        ]
 
 
 @kernel

@@ -18,6 +18,8 @@ _USUAL = 8
 FRESH = {4: 4, 6: 4, 8: 4, 12: 6, 16: 8}
 """Gaps between nodes that were there already, and how many fresh points confirm them."""
 _NARROW = 5e-3
+# What is not longer has no clustered nodes: down to y = -44 some would be the same number.
+_TOO_SHORT = 1e-8
 # Points that were there already are taken where interpolation is this many times worse, at most.
 _WORSE = 2.0
 # Where that is looked at, for each gap.
@@ -122,6 +124,20 @@ class Piece:
     def may_have_fewer(self) -> bool:
         """Whether every second of its nodes may do."""
         return self.chosen is None and self.gaps > FEWEST
+
+
+def between(low: float, high: float, first: bool, last: bool) -> list[Piece]:
+    """Pieces between two places, of which the first, or the last, may bend the curve.
+
+    Ends that bend have the clustered nodes; between two of them there are two pieces.
+    """
+    if high - low < 2.0 * _TOO_SHORT:
+        # Over so little |x|^(3/2) is 3e-12, and fresh points tell if that is too much.
+        return [Piece.new(low, high, 0)]
+    if first and last:
+        middle = 0.5 * (low + high)
+        return [Piece.new(low, middle, 1), Piece.new(middle, high, 2)]
+    return [Piece.new(low, high, 1 if first else 2 if last else 0)]
 
 
 @kernel
