@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import tracemalloc
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -493,6 +493,44 @@ def test_twenty_steps_are_had_to_what_is_promised(spec: str, control: str | None
     assert found.average(20, WIDE).max() <= _LEFT * _GOAL
 
 
+@dataclass
+class _Told:
+    """Curves that leave so many times what they are worth."""
+
+    rtol: float
+    fold: float
+
+    def worst(self, steps: int) -> float:
+        return self.fold * self.rtol
+
+
+@pytest.mark.parametrize(
+    ("fold", "goal", "asked"),
+    [
+        (12.0, 1e-8, [7e-10]),
+        (20.0, 1e-8, [7e-10, 3e-10]),
+        (80.0, 1e-8, [7e-10, 1e-10]),
+        # Where none does the first is as good, and coarser ones are those of a lesser goal.
+        (1e4, 1e-8, [7e-10]),
+        (1e4, 1e-10, [7e-12, 7e-11, 7e-10]),
+    ],
+)
+def test_curves_are_asked_for_what_the_first_ones_tell(
+    fold: float, goal: float, asked: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where the first curves leave too much, the next are the coarsest that will do by that."""
+    known: list[float] = []
+
+    def climbed(self: Pumped, rtol: float) -> _Told:
+        known.append(rtol)
+        return _Told(rtol, fold)
+
+    monkeypatch.setattr(Pumped, "_climbed", climbed)
+    found = albedo.pump(STEEP, 20, goal=goal)._ladder
+    assert known == pytest.approx(asked)
+    assert found.rtol == min(known)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("control", CONTROLS)
 def test_what_a_mirror_leaves_at_grazing_incidence_is_had(control: str | None) -> None:
@@ -668,8 +706,9 @@ def test_a_goal_that_is_missed_leaves_no_worse_bounds(monkeypatch: pytest.Monkey
     ladder.cache_clear()
     fine = albedo.pump(STEEP, 3, goal=1e-10)
     left = fine._ladder.worst(3)
-    assert fine._ladder.rtol > 4e-12
-    assert left < 0.1 * ladder(STEEP, None, 4e-12).worst(3)
+    asked = _OF_CURVES[0] * 1e-10
+    assert fine._ladder.rtol > asked
+    assert left < 0.1 * ladder(STEEP, None, asked).worst(3)
     assert left <= albedo.pump(STEEP, 3)._ladder.worst(3)
     ladder.cache_clear()
 
