@@ -424,7 +424,7 @@ def pump(
         max(n.l, n.v).
     rtol : float, optional
         What the albedos that are divided by are to be worth, from 1e-12 to 1e-3. By default what
-        the goal takes: a 25th of it, or less where that leaves more than seven tenths of it in an
+        the goal takes: 7% of it, or less where that leaves more than nine tenths of it in an
         albedo of n.l above a millionth; where they depend on the azimuth, or a part of an
         isotropic model has no rings, 3e-10 for the first and 3e-9 for later ones, or three tenths
         of a goal of your own. The error that they leave in the result is part of its bound.
