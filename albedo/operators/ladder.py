@@ -78,6 +78,8 @@ _WORTH, _FEW_CELLS = 500, 20
 _JOINED = 0.05
 # Half the nodes do where they leave this share of the tolerance.
 _AMPLE = 0.5
+# What one piece in the place of several may leave of it: it has to do for later steps, too.
+_ENOUGH = 0.7
 # Slices that err by less than this share of the worst of their row wait until those are refined.
 _WORST = 0.1
 # What albedos, or their product, may be below a cosine by and above it all the same, as a multiple
@@ -727,8 +729,9 @@ class Ladder:
     def _fits(self, pieces: list[Piece], logs: np.ndarray, own: np.ndarray) -> list[_Fit]:
         """Series on pieces, from the logarithms of all rows and their errors."""
         found: dict[int, _Fit] = {}
-        for gaps in {piece.gaps for piece in pieces}:
-            which = [k for k, piece in enumerate(pieces) if piece.gaps == gaps]
+        sizes = [(piece.gaps, piece.y.size) for piece in pieces]
+        for gaps, points in set(sizes):
+            which = [k for k, size in enumerate(sizes) if size == (gaps, points)]
             rows = np.stack([self._rows(pieces[k]) for k in which])
             to_series = np.stack([pieces[k].to_series for k in which])
             basis = np.stack([pieces[k].basis for k in which])
@@ -737,8 +740,10 @@ class Ladder:
             series[:, : gaps + 1] = (to_series @ known[:, : gaps + 1])[:, :, 0]
             missed = np.abs(basis @ series[:, : gaps + 1, None] - known).max((1, 2))
             noise = own[rows].max(1)
-            worse = np.array([pieces[k].worse for k in which])
-            bound, stuck = bound_of(missed, noise, worse), missed <= noise
+            trust, worse = (
+                np.array([getattr(pieces[k], name) for k in which]) for name in ("trust", "worse")
+            )
+            bound, stuck = bound_of(missed, noise, trust, worse), missed <= noise
             for k, *fit in zip(which, series, bound.tolist(), stuck.tolist(), strict=True):
                 found[k] = _Fit(*fit)
         return [found[k] for k in range(len(pieces))]
@@ -797,7 +802,8 @@ class Ladder:
                 # All rows are there to confirm it.
                 own_series = piece.to_series @ logs[self._rows(piece)[: gaps + 1]]
                 missed = np.abs(piece.polynomials(known) @ own_series - logs[rows]).max()
-                if bound_of(missed, own[rows].max(), piece.worse) <= _AMPLE * self.rtol:
+                bound = bound_of(missed, own[rows].max(), piece.trust, piece.worse)
+                if bound <= _ENOUGH * self.rtol:
                     return piece
         return None
 
@@ -810,6 +816,7 @@ class Ladder:
         seen = [self._pieces[k] for k in poor]
         y = np.concatenate([np.linspace(piece.low, piece.high, _LOOKS) for piece in seen])
         turnings = self._divisor().turnings(np.unique(y))
+        known = np.sort(list(self._row))
         pieces = []
         for k, piece in enumerate(self._pieces):
             if k not in poor:
@@ -819,7 +826,8 @@ class Ladder:
                 # What is known of the whole mostly tells whether few nodes will do for a part.
                 few = found is not piece and found.gaps < MOST
                 rest = piece.left_out(poor[k].series, found) if few else 0.0
-                pieces.append(replace(found, gaps=MOST) if TRUST * rest > self.rtol else found)
+                found = replace(found, gaps=MOST) if TRUST * rest > self.rtol else found
+                pieces.append(found if found is piece else found.near_known(known))
         changed = len(pieces) > len(self._pieces) or any(map(operator.is_not, pieces, self._pieces))
         self._pieces = pieces
         self._lay_out()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
@@ -15,13 +16,19 @@ from albedo.operators.nodes import FEWEST, LEBESGUE, MOST, TRUST, cosines, place
 
 # Gaps between the nodes of a piece, but where it is narrow.
 _USUAL = 8
-FRESH = {4: 4, 6: 4, 8: 4, 12: 6, 16: 8}
+FRESH = {4: 4, 6: 6, 8: 8, 12: 12, 16: 16}
 """Gaps between nodes that were there already, and how many fresh points confirm them."""
+# So there is one in each gap on the average, where a corner shows half of its height at least: what
+# that hides is no more than a fresh point in every second gap does.
+_TRUST = 4.0
 _NARROW = 5e-3
 # What is not longer has no clustered nodes: down to y = -44 some would be the same number.
 _TOO_SHORT = 1e-8
 # Points that were there already are taken where interpolation is this many times worse, at most.
 _WORSE = 2.0
+# How near they come to what they stand for, over the gaps: no more than a quarter of a gap, so that
+# none stands for two.
+_REACHES = (0.124 * math.pi, 0.062 * math.pi)
 # Where that is looked at, for each gap.
 _LOOKS = 8
 
@@ -40,6 +47,8 @@ class Piece:
         One less than there are nodes.
     chosen : ndarray, optional
         What `y` is; by default the nodes are those of Chebyshev.
+    near : bool
+        Whether what is chosen stands for the points by default, one for one.
     """
 
     low: float
@@ -47,6 +56,7 @@ class Piece:
     bent: int
     gaps: int
     chosen: np.ndarray | None = None
+    near: bool = False
 
     @classmethod
     def new(cls, low: float, high: float, bent: int) -> Piece:
@@ -66,12 +76,37 @@ class Piece:
 
     def refined(self) -> Piece:
         """With the next larger usual number of gaps, on nodes of Chebyshev."""
-        return replace(self, gaps=_USUAL if self.gaps < _USUAL else MOST, chosen=None)
+        gaps = _USUAL if self.gaps < _USUAL else MOST
+        return replace(self, gaps=gaps, chosen=None, near=False)
+
+    def near_known(self, known: np.ndarray) -> Piece:
+        """The same where points that are there already, ascending, stand for those near to them.
+
+        Both ends stay, and all points where interpolation would be too much worse.
+        """
+        first = np.searchsorted(known, self.low, side="right")
+        inside = known[first : np.searchsorted(known, self.high)]
+        if inside.size == 0:
+            return self
+        wanted = places(self.gaps)
+        there = 0.5 * (straight(inside, self.low, self.high, self.bent) + 1.0)
+        for reach in _REACHES:
+            stand_in = np.empty(wanted.size, dtype=int)
+            if not _stand_ins(_angles(there), _angles(wanted), reach / self.gaps, stand_in):
+                return self
+            taken = stand_in >= 0
+            x = 2.0 * np.where(taken, there[stand_in], wanted) - 1.0
+            if _worse(x, self.gaps) <= _WORSE:
+                chosen = np.where(taken, inside[stand_in], self.y)
+                return replace(self, chosen=chosen, near=True)
+        return self
 
     @cached_property
     def halved(self) -> Piece:
         """With every second of its nodes."""
-        return replace(self, gaps=self.gaps // 2)
+        gaps = self.gaps // 2
+        chosen = None if self.chosen is None else self.chosen[_halved(gaps)]
+        return replace(self, gaps=gaps, chosen=chosen)
 
     @cached_property
     def y(self) -> np.ndarray:
@@ -112,18 +147,17 @@ class Piece:
         """How many times more errors may be than with the nodes of Chebyshev."""
         if self.chosen is None:
             return 1.0
-        at = np.cos(np.pi * np.arange(_LOOKS * self.gaps + 1) / (_LOOKS * self.gaps))
-        amplified = np.abs(chebyshev.chebvander(at, self.gaps) @ self.to_series).sum(1).max()
-        x = self.basis[:, 1]
-        nodes = x[: self.gaps + 1]
-        largest = np.abs(at[:, None] - nodes).prod(1).max()
-        seen = np.abs(x[self.gaps + 1 :, None] - nodes).prod(1).max()
-        return max(1.0, float(amplified) / LEBESGUE, float(largest / seen))
+        return float(_worse(self.basis[:, 1], self.gaps))
+
+    @property
+    def trust(self) -> float:
+        """How many times what is missed at its fresh points errors may be between its nodes."""
+        return TRUST if self.chosen is None or self.near else _TRUST
 
     @property
     def may_have_fewer(self) -> bool:
         """Whether every second of its nodes may do."""
-        return self.chosen is None and self.gaps > FEWEST
+        return (self.chosen is None or self.near) and self.gaps > FEWEST
 
 
 def between(low: float, high: float, first: bool, last: bool) -> list[Piece]:
@@ -178,6 +212,63 @@ def _choose(x, rest, chosen):
     return True
 
 
+@kernel
+def _worse(x, gaps):
+    """See `Piece.worse`; x has the nodes of a series, from -1 to 1, and then its fresh points."""
+    weight = np.ones(gaps + 1)
+    for j in range(gaps + 1):
+        for k in range(gaps + 1):
+            if k != j:
+                weight[j] /= x[j] - x[k]
+    amplified, largest, seen = 1.0, 0.0, 0.0
+    for i in range(_LOOKS * gaps + 1):
+        at = math.cos(math.pi * i / (_LOOKS * gaps))
+        product, total = 1.0, 0.0
+        for j in range(gaps + 1):
+            product *= at - x[j]
+        if product != 0.0:
+            for j in range(gaps + 1):
+                total += abs(product * weight[j] / (at - x[j]))
+        amplified, largest = max(amplified, total), max(largest, abs(product))
+    for i in range(gaps + 1, x.size):
+        product = 1.0
+        for j in range(gaps + 1):
+            product *= x[i] - x[j]
+        seen = max(seen, abs(product))
+    return max(1.0, amplified / LEBESGUE, largest / seen) if seen > 0.0 else math.inf
+
+
+@kernel
+def _stand_ins(there, wanted, reach, found):
+    """Fill which of the angles that are there, ascending, stand for those that are wanted, the ends
+    but for: -1 for none. Whether there was one."""
+    some = False
+    for i in range(wanted.size):
+        found[i] = -1
+        k = np.searchsorted(there, wanted[i])
+        if k == there.size or (k > 0 and wanted[i] - there[k - 1] < there[k] - wanted[i]):
+            k -= 1
+        inside = 0.0 < wanted[i] < 0.5 * math.pi
+        if inside and abs(there[k] - wanted[i]) <= reach:
+            found[i] = k
+            some = True
+    return some
+
+
+def _angles(place: np.ndarray) -> np.ndarray:
+    """In which nodes of Chebyshev are even, from 0 to pi/2, for places from 0 to 1."""
+    found: np.ndarray = np.arcsin(np.sqrt(np.clip(place, 0.0, 1.0)))
+    return found
+
+
+@cache
+def _halved(gaps: int) -> np.ndarray:
+    """Which of the points for twice as many gaps are those for some."""
+    order = np.argsort(places(2 * gaps))
+    found: np.ndarray = order[np.searchsorted(places(2 * gaps)[order], places(gaps))]
+    return found
+
+
 @cache
 def _to_all() -> np.ndarray:
     """The matrix from values at the most nodes to coefficients."""
@@ -186,9 +277,11 @@ def _to_all() -> np.ndarray:
     return found
 
 
-def bound_of(missed: np.ndarray, noise: np.ndarray, worse: float | np.ndarray) -> np.ndarray:
+def bound_of(
+    missed: np.ndarray, noise: np.ndarray, trust: float | np.ndarray, worse: float | np.ndarray
+) -> np.ndarray:
     """Bounds on errors of series that missed so much at fresh points, and have so much noise.
 
-    See `Piece.worse`.
+    See `Piece.trust` and `Piece.worse`.
     """
-    return worse * (TRUST * missed + LEBESGUE * noise)
+    return worse * (trust * missed + LEBESGUE * noise)
