@@ -49,7 +49,7 @@ from albedo.operators.joined import joined
 from albedo.operators.nodes import MOST, TRUST, cosines
 from albedo.operators.panels import Ahead, Panels
 from albedo.operators.pieces import FRESH, Piece, between, bound_of
-from albedo.operators.profiles import Profiles, Runs
+from albedo.operators.profiles import Profiles, Runs, Slices
 
 _EPS = np.finfo(np.float64).eps
 _ROUNDINGS = 40.0
@@ -221,6 +221,8 @@ class Ladder:
         self._cos = np.empty(0)
         self._row: dict[float, int] = {}
         self._parts: list[Profiles] = []
+        # Where fresh rows are laid out before they are taken in.
+        self._room: list[Slices] = []
         self._families: dict[tuple[Part, _Heights | None], Families] = {}
         # Energy of Dirac parts at all rows and its error, and by how much steps divide it: the
         # logarithm, and how many steps.
@@ -289,6 +291,7 @@ class Ladder:
         else:
             for old, new in zip(self._parts, parts, strict=True):
                 old.extend(new)
+                self._room.append(new.slices)
         self._row |= {y: self._cos.size + k for k, y in enumerate(fresh.tolist())}
         self._cos = np.concatenate((self._cos, c))
         self._see_mirror(c)
@@ -332,7 +335,7 @@ class Ladder:
                 ahead = Ahead(self.curves[0], _FARTHEST, clamped)
                 found.append(families.direct(c[rows], ahead, True))
             found[-1].ahead[:] = level
-        profiles = Profiles(Panels.together(found, which))
+        profiles = Profiles(Panels.together(found, which), self._room.pop() if self._room else None)
         self._meet(profiles, c, 0)
         return profiles
 
@@ -455,9 +458,7 @@ class Ladder:
         divisor, control, log_light = self._divisor(), *self._controlled(self._cos)
         for profiles in self._parts:
             s = profiles.slices
-            row = profiles.row[s.panel]
-            hit = np.flatnonzero((total > goal)[row])
-            row = row[hit]
+            hit, row = profiles.of_rows(total > goal)
             count = np.bincount(row, minlength=goal.size)
             most = 0.5 * goal / np.maximum(count, 1)
             for _ in range(_ROUNDS):
@@ -500,6 +501,7 @@ class Ladder:
             if rows.size:
                 fresh = self._profile(part, self._cos[rows], profiles.ahead[rows] + 1)
                 profiles.replace(rows, fresh)
+                self._room.append(fresh.slices)
                 changed = True
         return changed
 

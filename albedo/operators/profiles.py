@@ -63,6 +63,46 @@ def _close_up(array, first, order):
             last += 1
 
 
+@kernel
+def _put(
+    gone,
+    panel,
+    start,
+    end,
+    order,
+    bent,
+    nodes,
+    where,
+    panels,
+    starts,
+    ends,
+    orders,
+    bends,
+    first,
+    value,
+    error,
+    most,
+    log_scale,
+    stale,
+):
+    """Put slices in the places of those that are gone, and of the last ones; return how many nodes
+    there are then, of so many."""
+    begin = panels.size - panel.size
+    for i in range(panel.size):
+        k = gone[i] if i < gone.size else begin + i
+        # Where there is room the nodes of old slices are taken up.
+        if i >= gone.size or order[i] > orders[k]:
+            first[k] = nodes
+            nodes += order[i]
+        if i >= gone.size:
+            value[k] = error[k] = most[k] = 0.0
+        where[i] = k
+        panels[k], starts[k], ends[k] = panel[i], start[i], end[i]
+        orders[k], bends[k] = order[i], bent[i]
+        log_scale[k], stale[k] = 0.0, True
+    return nodes
+
+
 class _Column:
     """One of the arrays of a store, as far as it is filled."""
 
@@ -102,6 +142,10 @@ class _Store:
                 self.arrays[name] = room
         self.size = last
 
+    def emptied(self) -> _Store:
+        """The same room with nothing in it."""
+        return _Store(self.arrays, 0)
+
     def keep(self, number: np.ndarray) -> None:
         """Give up all entries but those of these numbers, which ascend."""
         for array in self.arrays.values():
@@ -135,6 +179,11 @@ class Slices:
     density, y, log_product : ndarray
         Of nodes: the integral around the ring, per unit of the rule; coordinate of n.v, which
         rises or falls along a slice; logarithm of the product of the divisors of all steps.
+
+    Parameters
+    ----------
+    room : Slices, optional
+        Others that are not read any more, whose memory is used again.
     """
 
     panel, start, end = _Column("_slices"), _Column("_slices"), _Column("_slices")
@@ -142,9 +191,14 @@ class Slices:
     bent = _Column("_slices")
     value, error, most = _Column("_slices"), _Column("_slices"), _Column("_slices")
     log_scale, low, high = _Column("_slices"), _Column("_slices"), _Column("_slices")
+    _slices: _Store
+    _nodes: _Store
     density, y, log_product = _Column("_nodes"), _Column("_nodes"), _Column("_nodes")
 
-    def __init__(self) -> None:
+    def __init__(self, room: Slices | None = None) -> None:
+        if room is not None:
+            self._slices, self._nodes = room._slices.emptied(), room._nodes.emptied()
+            return
         whole = dict.fromkeys(("panel", "order", "bent", "first"), np.empty(0, int))
         names = ("start", "end", "value", "error", "most", "log_scale", "low", "high")
         real = dict.fromkeys(names, np.empty(0))
@@ -164,21 +218,13 @@ class Slices:
 
         There are no fewer new ones than old ones. Their nodes are still to be laid out.
         """
-        more = panel.size - gone.size
-        where = np.concatenate((gone, np.arange(self._slices.size, self._slices.size + more)))
-        # Where there is room the nodes of old slices are taken up.
-        added = order.copy()
-        added[: gone.size][order[: gone.size] <= self.order[gone]] = 0
-        first = self._nodes.size + np.cumsum(added) - added
-        first[: gone.size] = np.where(added[: gone.size], first[: gone.size], self.first[gone])
-        self._slices.append(panel=panel[gone.size :])
-        new = {"panel": panel, "start": start, "end": end, "order": order}
-        new |= {"bent": bent, "first": first}
-        for name, values in new.items():
-            self._slices.arrays[name][where] = values
-        self._slices.arrays["log_scale"][where] = 0.0
-        self._slices.arrays["stale"][where] = True
-        self._nodes.lengthen(int(added.sum()))
+        self._slices.lengthen(panel.size - gone.size)
+        where = np.empty(panel.size, int)
+        own = self.panel, self.start, self.end, self.order, self.bent, self.first
+        rest = self.value, self.error, self.most, self.log_scale, self.stale
+        nodes = self._nodes.size
+        last = _put(gone, panel, start, end, order, bent, nodes, where, *own, *rest)
+        self._nodes.lengthen(last - nodes)
         return where
 
     def keep(self, which: np.ndarray) -> None:
@@ -233,6 +279,8 @@ class Profiles:
     ----------
     panels : Panels
         Their arrays are taken over.
+    room : Slices, optional
+        See `Slices`.
 
     Attributes
     ----------
@@ -247,12 +295,12 @@ class Profiles:
     order, series = _Column("_panels"), _Column("_panels")
     blur, tail = _Column("_panels"), _Column("_panels")
 
-    def __init__(self, panels: Panels) -> None:
+    def __init__(self, panels: Panels, room: Slices | None = None) -> None:
         self.geometry, self.doubt = panels.geometry, panels.doubt
         self.shift, self.ahead = panels.shift, panels.ahead
         m = panels.row.size
         self._panels = _Store({name: getattr(panels, name) for name in OF_PANELS}, m)
-        self.slices = Slices()
+        self.slices = Slices(room)
         ends = np.zeros(m), np.ones(m)
         self._put(np.empty(0, int), np.arange(m), *ends, self.order, np.zeros(m, int))
         self.slices.log_product[:] = 0.0
@@ -327,10 +375,10 @@ class Profiles:
             What is no more than this below a cosine may be divided by albedos.
         """
         s = self.slices
-        number = np.full(self.geometry.shape[0], -1)
-        number[rows] = np.arange(rows.size)
-        own = number[self.row[s.panel]]
-        slices = np.flatnonzero(own >= 0)
+        wanted, number = np.zeros((2, self.geometry.shape[0]), int)
+        wanted[rows], number[rows] = 1, np.arange(rows.size)
+        slices, own = self.of_rows(wanted > 0)
+        own = number[own]
         room = int(s.order[slices].sum())
         row, piece = np.empty(room, int), np.empty(room, int)
         y, share, lowest = np.empty(room), np.empty(room), np.empty(room)
@@ -403,28 +451,20 @@ class Profiles:
         if which.size == 0:
             return np.empty(0, int)
         hit = np.unique(which)
-        owner = np.concatenate((hit, which, hit))
-        t = np.concatenate((s.start[hit], place, s.end[hit]))
-        side = np.concatenate((s.bent[hit] & 1, sides, s.bent[hit] & 2))
-        rank = np.lexsort((t, owner))
-        owner, t, side = owner[rank], t[rank], side[rank]
-        # Of places that are one the first stays, but for ends of slices.
-        ends = np.append(owner[1:] != owner[:-1], True)
-        starts = np.append(True, owner[1:] != owner[:-1])
-        near = np.append(False, (t[1:] - t[:-1] < _SAME) & ~starts[1:])
-        keep = starts | ends | ~near
-        before_end = np.append(ends[1:] & (t[1:] - t[:-1] < _SAME), False) & ~starts
-        keep &= ~before_end
-        owner, t, side = owner[keep], t[keep], side[keep]
-        same = np.flatnonzero(owner[1:] == owner[:-1])
-        # The first part of every slice takes its place.
-        initial = np.append(True, owner[same][1:] != owner[same][:-1])
-        same = np.concatenate((same[initial], same[~initial]))
-        panel, start, end = s.panel[owner[same]], t[same], t[same + 1]
-        bent = (side[same] & 1) | (side[same + 1] & 2)
-        order = _orders(self.order[panel], end - start)
-        order = np.where(bent > 0, _rungs(_CLUSTERED * order), order)
-        return self._put(hit, panel, start, end, order, bent)
+        # The first part of every slice takes its place, and the others follow.
+        room = hit.size + which.size
+        fresh = tuple(np.empty(room, kind) for kind in (int, float, float, int, int))
+        rank = np.argsort(which, kind="stable")
+        slices = s.panel, s.start, s.end, s.bent
+        count = _cut(hit, rank, which, place, sides, *slices, self.order, *fresh)
+        return self._put(hit, *(array[:count] for array in fresh))
+
+    def of_rows(self, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The slices of rows that a mask tells, and the row of each."""
+        panel = self.slices.panel
+        which, row = np.empty(panel.size, int), np.empty(panel.size, int)
+        count = _of_rows(wanted, panel, self.row, which, row)
+        return which[:count], row[:count]
 
     def raised(self, hit: np.ndarray) -> np.ndarray:
         """Give slices more nodes, or halve those that have as many as may be."""
@@ -495,9 +535,65 @@ def _rungs(wanted: np.ndarray) -> np.ndarray:
     return _RUNGS[np.minimum(np.searchsorted(_RUNGS, wanted), _RUNGS.size - 1)]
 
 
-def _orders(order: np.ndarray, share: np.ndarray) -> np.ndarray:
+@kernel
+def _of_rows(wanted, panel, row, which, own):
+    """Fill the slices of rows that are wanted, and their rows; return how many there are."""
+    count = 0
+    for k in range(panel.size):
+        r = row[panel[k]]
+        if wanted[r]:
+            which[count], own[count] = k, r
+            count += 1
+    return count
+
+
+@kernel
+def _cut(
+    hit, rank, which, place, sides, panel, start, end, bent, length, own, low, high, order, bends
+):
+    """Fill the parts of slices that are cut, the first ones first; return how many there are.
+
+    `rank` has the places of the slices that are hit, one slice after the other.
+    """
+    count, i = hit.size, 0
+    for m in range(hit.size):
+        k, begin = hit[m], i
+        while i < rank.size and which[rank[i]] == k:
+            i += 1
+        # Each has few.
+        for last in range(begin + 1, i):
+            one, at = rank[last], last
+            while at > begin and place[rank[at - 1]] > place[one]:
+                rank[at] = rank[at - 1]
+                at -= 1
+            rank[at] = one
+        at, side, before = start[k], bent[k] & 1, start[k]
+        where = m
+        for last in range(begin, i + 1):
+            t, sides_of = (place[rank[last]], sides[rank[last]]) if last < i else (end[k], bent[k])
+            # Of places that are one the first stays, but for ends of slices.
+            near, before = t - before < _SAME, t
+            if last < i and (near or end[k] - t < _SAME):
+                continue
+            own[where], low[where], high[where] = panel[k], at, t
+            bends[where] = (side & 1) | (sides_of & 2)
+            order[where] = _order_of(length[panel[k]], t - at, bends[where] > 0)
+            at, side = t, sides_of
+            if last < i:
+                where = count
+                count += 1
+    return count
+
+
+@kernel
+def _order_of(length, share, bent):
     """Nodes for a share of a panel of some order, whose nearest singularity is as far away."""
-    return _rungs(np.maximum(_DIGITS / (_DIGITS / order - np.log(share)) + _MORE, _LEAST))
+    wanted = max(_DIGITS / (_DIGITS / length - math.log(share)) + _MORE, _LEAST)
+    last = _RUNGS.size - 1
+    found = _RUNGS[min(np.searchsorted(_RUNGS, wanted), last)]
+    if bent:
+        found = _RUNGS[min(np.searchsorted(_RUNGS, _CLUSTERED * found), last)]
+    return found
 
 
 @kernel
@@ -620,8 +716,9 @@ def _gather(
 ):
     """Fill the runs of `Profiles.sent`, and add to the totals; return how many there are."""
     count = -1
-    for k in slices:
-        r, q = own[k], order[k]
+    for m in range(slices.size):
+        k = slices[m]
+        r, q = own[m], order[k]
         at, most = -1, 0.0
         for j in range(q):
             i = first[k] + j
