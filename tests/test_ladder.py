@@ -18,6 +18,7 @@ from albedo.operators.divisor import CONTROLS, TERMS, LogCurve, placed
 from albedo.operators.families import Families
 from albedo.operators.ladder import _COARSE, _HIDDEN, _JOINED, _MANY, _SHARE, Ladder, ladder
 from albedo.operators.nodes import LEBESGUE, TRUST, cosines
+from albedo.operators.pieces import Piece
 from albedo.operators.profiles import Profiles
 from albedo.operators.pump import _GOAL, _LEFT, _OF_CURVES, Pumped
 
@@ -714,6 +715,27 @@ def test_a_goal_that_is_missed_leaves_no_worse_bounds(monkeypatch: pytest.Monkey
     assert left < 0.1 * ladder(STEEP, None, asked).worst(3)
     assert left <= albedo.pump(STEEP, 3)._ladder.worst(3)
     ladder.cache_clear()
+
+
+def test_pieces_that_did_not_do_as_one_are_tried_again_later(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As no more bends in them show, and not at every step."""
+    tried: dict[tuple[float, float, int], list[int]] = {}
+    real = Ladder._joined
+
+    def seen(self: Ladder, pieces: list[Piece], *rest: Any) -> Piece | None:
+        found = real(self, pieces, *rest)
+        if found is None:
+            key = pieces[0].low, pieces[-1].high, len(pieces)
+            tried.setdefault(key, []).append(len(self.curves))
+        return found
+
+    monkeypatch.setattr(Ladder, "_joined", seen)
+    climbed(SCALED, 14)
+    again = np.concatenate([np.diff(steps) for steps in tried.values()])
+    assert again.size > 3
+    assert np.all(again >= 3)
 
 
 def test_what_rounding_leaves_nothing_of_is_refused() -> None:

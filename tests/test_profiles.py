@@ -364,3 +364,27 @@ def test_stores_grow() -> None:
     assert store.size == 45
     assert store.arrays["a"][:45].sum() == sum(k * k for k in range(10))
     assert np.all(store.arrays["b"][:45] == 0.0)
+
+
+@pytest.mark.parametrize("before", [0, 4])
+def test_room_is_used_again_and_nothing_in_it_is(before: int) -> None:
+    """Rows that are laid out where others were have the sums that they have anywhere."""
+    expected = total(profiles_of(MODELS[0]))
+    others = profiles_of(MODELS[before])
+    total(others)
+    others.slices.log_product[:] = np.nan
+    (part,) = MODELS[0].parts()
+    panels = Panels.of(MODELS[0], part, rings_of(part), COSINES, 1e-11)
+    for found, wanted in zip(total(Profiles(panels, others.slices)), expected, strict=True):
+        np.testing.assert_array_equal(found, wanted)
+
+
+def test_slices_of_rows_are_told_with_their_rows() -> None:
+    profiles = profiles_of(MODELS[2])
+    wanted = np.array([True, False, False, True, False])
+    which, row = profiles.of_rows(wanted)
+    every = profiles.row[profiles.slices.panel]
+    np.testing.assert_array_equal(which, np.flatnonzero(wanted[every]))
+    np.testing.assert_array_equal(row, every[which])
+    assert set(row.tolist()) == {0, 3}
+    assert profiles.of_rows(np.zeros(5, dtype=bool))[0].size == 0

@@ -78,8 +78,9 @@ _WORTH, _FEW_CELLS = 500, 20
 _JOINED = 0.05
 # Half the nodes do where they leave this share of the tolerance.
 _AMPLE = 0.5
-# What one piece in the place of several may leave of it: it has to do for later steps, too.
-_ENOUGH = 0.7
+# What one piece in the place of several may leave of it: it has to do for later steps, too; and
+# after how many steps it is tried again where none did.
+_ENOUGH, _AGAIN = 0.7, 3
 # Slices that err by less than this share of the worst of their row wait until those are refined.
 _WORST = 0.1
 # What albedos, or their product, may be below a cosine by and above it all the same, as a multiple
@@ -247,11 +248,16 @@ class Ladder:
         heights = [height for part in model.parts() for height in part.heights]
         self._heights = np.unique(folded(np.array(heights)))
         self._mates: list[np.ndarray] = []
-        # Pieces that do not do as one: the ends, and how many they are.
-        self._apart: set[tuple[float, float, int]] = set()
+        # Pieces that did not do as one, by their ends and how many they are, and for how many steps
+        # that is not tried again.
+        self._apart: dict[tuple[float, float, int], int] = {}
         self._start = np.unique(np.concatenate((far, (-2.0, -1.0), near, self._heights)))
         self._pieces = [Piece.new(a, b, 0) for a, b in itertools.pairwise(self._start.tolist())]
         self._lay_out()
+
+    def tidy(self) -> None:
+        """Give up the memory that only further steps would use."""
+        self._room.clear()
 
     def albedos(self, steps: int) -> list[LogCurve]:
         """What the first steps divide by."""
@@ -770,12 +776,12 @@ class Ladder:
         for k, (begin, end) in enumerate(itertools.pairwise(first.tolist())):
             inside = self._pieces[begin:end]
             one = None
-            # What did not do before hardly does soon.
+            # What did not do hardly does soon.
             key = inside[0].low, inside[-1].high, end - begin
-            if end - begin > 1 and key not in self._apart:
+            if end - begin > 1 and len(self.curves) >= self._apart.get(key, 0):
                 one = self._joined(inside, int(curve.bent[k]), curve.coefficients[k], logs, own)
                 if one is None:
-                    self._apart.add(key)
+                    self._apart[key] = len(self.curves) + _AGAIN
             pieces += inside if one is None else [one]
         self._pieces = pieces
 

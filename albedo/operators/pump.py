@@ -205,6 +205,7 @@ class Pumped(Model):
                 with blas_in_one:
                     while len(found.curves) < self.steps:
                         found.step()
+                found.tidy()
             found.worst(self.steps)
             whole = True
         finally:
