@@ -30,8 +30,8 @@ _SCAN_LIMIT = 4_000_000_000
 
 # What the numbers of a part err by is looked at closely from this share of the tolerance on.
 _SMALL = 0.1
-# The share of a tolerance that numbers in a model may take up.
-_MOST_SPENT = 0.7
+# The share of a tolerance that numbers in a model may take up: more than pumping-up leaves of one.
+_MOST_SPENT = 0.95
 
 # A direction this close to the horizon, in widths of the lobe, stands for cos_theta = 0; the
 # change from one a thousand times farther is added to the bound.

@@ -21,6 +21,7 @@ from albedo.operators.nodes import LEBESGUE, TRUST, cosines
 from albedo.operators.pieces import Piece
 from albedo.operators.profiles import Profiles
 from albedo.operators.pump import _GOAL, _LEFT, _OF_CURVES, Pumped
+from albedo.quadrature import _MOST_SPENT
 
 # Its albedos have several extrema inside, so that rings have many kinks.
 SCALED = albedo.model("lafortune_scaled", n=20, s=0.95)
@@ -736,6 +737,16 @@ def test_pieces_that_did_not_do_as_one_are_tried_again_later(
     again = np.concatenate([np.diff(steps) for steps in tried.values()])
     assert again.size > 3
     assert np.all(again >= 3)
+
+
+def test_quadrature_has_what_the_divisor_leaves_of_the_tolerance() -> None:
+    """However little that is: half of 1e-8 on top of 7.8e-9 had been too much."""
+    pumped = albedo.pump(albedo.model("blinn", n=287.1), 8, "cumulative")
+    assert _LEFT < _MOST_SPENT < 1.0
+    found = albedo.directional_albedo(pumped, 1.0)
+    assert pumped._ladder.worst(8) > 0.7e-8
+    assert np.all(found.converged)
+    assert np.all(found.error <= 1e-8 * found.value)
 
 
 def test_what_rounding_leaves_nothing_of_is_refused() -> None:
