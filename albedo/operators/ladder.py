@@ -824,7 +824,6 @@ class Ladder:
         seen = [self._pieces[k] for k in poor]
         y = np.concatenate([np.linspace(piece.low, piece.high, _LOOKS) for piece in seen])
         turnings = self._divisor().turnings(np.unique(y))
-        known = np.sort(list(self._row))
         pieces = []
         for k, piece in enumerate(self._pieces):
             if k not in poor:
@@ -834,8 +833,7 @@ class Ladder:
                 # What is known of the whole mostly tells whether few nodes will do for a part.
                 few = found is not piece and found.gaps < MOST
                 rest = piece.left_out(poor[k].series, found) if few else 0.0
-                found = replace(found, gaps=MOST) if TRUST * rest > self.rtol else found
-                pieces.append(found if found is piece else found.near_known(known))
+                pieces.append(replace(found, gaps=MOST) if TRUST * rest > self.rtol else found)
         changed = len(pieces) > len(self._pieces) or any(map(operator.is_not, pieces, self._pieces))
         self._pieces = pieces
         self._lay_out()

@@ -26,9 +26,6 @@ _NARROW = 5e-3
 _TOO_SHORT = 1e-8
 # Points that were there already are taken where interpolation is this many times worse, at most.
 _WORSE = 2.0
-# How near they come to what they stand for, over the gaps: no more than a quarter of a gap, so that
-# none stands for two.
-_REACHES = (0.124 * math.pi, 0.062 * math.pi)
 # Where that is looked at, for each gap.
 _LOOKS = 8
 
@@ -47,8 +44,6 @@ class Piece:
         One less than there are nodes.
     chosen : ndarray, optional
         What `y` is; by default the nodes are those of Chebyshev.
-    near : bool
-        Whether what is chosen stands for the points by default, one for one.
     """
 
     low: float
@@ -56,7 +51,6 @@ class Piece:
     bent: int
     gaps: int
     chosen: np.ndarray | None = None
-    near: bool = False
 
     @classmethod
     def new(cls, low: float, high: float, bent: int) -> Piece:
@@ -76,37 +70,12 @@ class Piece:
 
     def refined(self) -> Piece:
         """With the next larger usual number of gaps, on nodes of Chebyshev."""
-        gaps = _USUAL if self.gaps < _USUAL else MOST
-        return replace(self, gaps=gaps, chosen=None, near=False)
-
-    def near_known(self, known: np.ndarray) -> Piece:
-        """The same where points that are there already, ascending, stand for those near to them.
-
-        Both ends stay, and all points where interpolation would be too much worse.
-        """
-        first = np.searchsorted(known, self.low, side="right")
-        inside = known[first : np.searchsorted(known, self.high)]
-        if inside.size == 0:
-            return self
-        wanted = places(self.gaps)
-        there = 0.5 * (straight(inside, self.low, self.high, self.bent) + 1.0)
-        for reach in _REACHES:
-            stand_in = np.empty(wanted.size, dtype=int)
-            if not _stand_ins(_angles(there), _angles(wanted), reach / self.gaps, stand_in):
-                return self
-            taken = stand_in >= 0
-            x = 2.0 * np.where(taken, there[stand_in], wanted) - 1.0
-            if _worse(x, self.gaps) <= _WORSE:
-                chosen = np.where(taken, inside[stand_in], self.y)
-                return replace(self, chosen=chosen, near=True)
-        return self
+        return replace(self, gaps=_USUAL if self.gaps < _USUAL else MOST, chosen=None)
 
     @cached_property
     def halved(self) -> Piece:
         """With every second of its nodes."""
-        gaps = self.gaps // 2
-        chosen = None if self.chosen is None else self.chosen[_halved(gaps)]
-        return replace(self, gaps=gaps, chosen=chosen)
+        return replace(self, gaps=self.gaps // 2)
 
     @cached_property
     def y(self) -> np.ndarray:
@@ -152,12 +121,12 @@ class Piece:
     @property
     def trust(self) -> float:
         """How many times what is missed at its fresh points errors may be between its nodes."""
-        return TRUST if self.chosen is None or self.near else _TRUST
+        return TRUST if self.chosen is None else _TRUST
 
     @property
     def may_have_fewer(self) -> bool:
         """Whether every second of its nodes may do."""
-        return (self.chosen is None or self.near) and self.gaps > FEWEST
+        return self.chosen is None and self.gaps > FEWEST
 
 
 def between(low: float, high: float, first: bool, last: bool) -> list[Piece]:
@@ -236,37 +205,6 @@ def _worse(x, gaps):
             product *= x[i] - x[j]
         seen = max(seen, abs(product))
     return max(1.0, amplified / LEBESGUE, largest / seen) if seen > 0.0 else math.inf
-
-
-@kernel
-def _stand_ins(there, wanted, reach, found):
-    """Fill which of the angles that are there, ascending, stand for those that are wanted, the ends
-    but for: -1 for none. Whether there was one."""
-    some = False
-    for i in range(wanted.size):
-        found[i] = -1
-        k = np.searchsorted(there, wanted[i])
-        if k == there.size or (k > 0 and wanted[i] - there[k - 1] < there[k] - wanted[i]):
-            k -= 1
-        inside = 0.0 < wanted[i] < 0.5 * math.pi
-        if inside and abs(there[k] - wanted[i]) <= reach:
-            found[i] = k
-            some = True
-    return some
-
-
-def _angles(place: np.ndarray) -> np.ndarray:
-    """In which nodes of Chebyshev are even, from 0 to pi/2, for places from 0 to 1."""
-    found: np.ndarray = np.arcsin(np.sqrt(np.clip(place, 0.0, 1.0)))
-    return found
-
-
-@cache
-def _halved(gaps: int) -> np.ndarray:
-    """Which of the points for twice as many gaps are those for some."""
-    order = np.argsort(places(2 * gaps))
-    found: np.ndarray = order[np.searchsorted(places(2 * gaps)[order], places(gaps))]
-    return found
 
 
 @cache
