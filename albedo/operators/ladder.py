@@ -217,6 +217,7 @@ class Ladder:
     @blas_in_one
     def __init__(self, model: Model, control: str | None, rtol: float) -> None:
         self.model, self.control, self.rtol = model, control, rtol
+        self._of_model = model.parts()
         self._stretches = _STRETCHES if control == "cumulative" else None
         self.curves: list[LogCurve] = []
         self._cos = np.empty(0)
@@ -245,7 +246,7 @@ class Ladder:
         far, near = np.linspace(FIRST, -4.0, 7), np.linspace(0.0, LAST, 4)
         # What has a kink for all light has one in its albedo, and later where a step divides by as
         # much as there.
-        heights = [height for part in model.parts() for height in part.heights]
+        heights = [height for part in self._of_model for height in part.heights]
         self._heights = np.unique(folded(np.array(heights)))
         self._mates: list[np.ndarray] = []
         # Pieces that did not do as one, by their ends and how many they are, and for how many steps
@@ -288,9 +289,9 @@ class Ladder:
             nearest = self._nearest(fresh)
             ahead = [profiles.ahead[nearest] for profiles in self._parts]
         else:
-            ahead = [np.zeros(c.size, dtype=int) for _ in self.model.parts()]
+            ahead = [np.zeros(c.size, dtype=int) for _ in self._of_model]
         parts = [
-            self._profile(part, c, far) for part, far in zip(self.model.parts(), ahead, strict=True)
+            self._profile(part, c, far) for part, far in zip(self._of_model, ahead, strict=True)
         ]
         if not self._parts:
             self._parts = parts
@@ -501,7 +502,7 @@ class Ladder:
         changed = False
         if not self.curves:
             return changed
-        for k, (profiles, part) in enumerate(zip(self._parts, self.model.parts(), strict=True)):
+        for k, (profiles, part) in enumerate(zip(self._parts, self._of_model, strict=True)):
             poor = of_panels[k] * len(self._parts) > goal
             rows = np.flatnonzero(poor & (profiles.ahead < 2))
             if rows.size:

@@ -198,17 +198,26 @@ def doubt_of(part: Part, cos_theta: np.ndarray) -> np.ndarray:
 
 def _judge_series(cells: Cells) -> None:
     """Take what series leave out for the errors along v, so far as it is more than rounding."""
-    tail = _tails(cells.series, cells.order[:, 1])
-    seen = tail > _NOISE * np.abs(cells.series).max(1)
-    cells.error[:, 1] = np.where(seen, _SHOWN * tail, 0.0)
+    tail, most = _tails(cells.series, cells.order[:, 1])
+    cells.error[:, 1] = np.where(tail > _NOISE * most, _SHOWN * tail, 0.0)
 
 
-def _tails(series: np.ndarray, order: np.ndarray) -> np.ndarray:
-    """What series of some lengths leave out, at most."""
-    column = np.arange(series.shape[1])
-    last = (column >= (order - _WINDOW)[:, None]) & (column < order[:, None])
-    tails: np.ndarray = _TAIL * np.abs(np.where(last, series, 0.0)).max(1)
-    return tails
+def _tails(series: np.ndarray, order: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What series of some lengths leave out, at most, and the largest modulus of their terms."""
+    tail, most = np.zeros((2, order.size))
+    _fill_tails(series, order, tail, most)
+    return tail, most
+
+
+@kernel
+def _fill_tails(series, order, tail, most):
+    """Fill what `_tails` finds."""
+    for k in range(order.size):
+        for j in range(series.shape[1]):
+            size = abs(series[k, j])
+            most[k] = max(most[k], size)
+            if order[k] - _WINDOW <= j < order[k]:
+                tail[k] = max(tail[k], _TAIL * size)
 
 
 def _stacked(cells: Cells) -> tuple[np.ndarray, ...]:
@@ -228,7 +237,7 @@ def _stacked(cells: Cells) -> tuple[np.ndarray, ...]:
     np.maximum.at(order, panel, cells.order[cell, 1])
     series = np.zeros((starts.size, TERMS))
     np.add.at(series, panel, restricted(cells, cell, box[panel, 2], box[panel, 3]))
-    tail = np.bincount(panel, _tails(cells.series, cells.order[:, 1])[cell], starts.size)
+    tail = np.bincount(panel, _tails(cells.series, cells.order[:, 1])[0][cell], starts.size)
     blur = np.bincount(panel, cells.error[cell, 0], starts.size)
     return cells.row[some], cells.code[some], box, order, series, blur, tail
 
