@@ -13,7 +13,7 @@ from albedo.brdf import Model
 from albedo.charts.heights import FIRST, LAST, folded
 from albedo.integrators.adaptive import Refined, refine, refine_alike
 from albedo.integrators.cells import ModelIntegrand
-from albedo.operators.divisor import LogCurve
+from albedo.operators.divisor import CONTROLS, LogCurve
 from albedo.operators.ladder import Ladder, rings_of
 from albedo.operators.panels import _LIMIT, Ahead, Panels, _judge_series, height_at
 from albedo.operators.profiles import Profiles, _Store
@@ -377,6 +377,30 @@ def test_room_is_used_again_and_nothing_in_it_is(before: int) -> None:
     panels = Panels.of(MODELS[0], part, rings_of(part), COSINES, 1e-11)
     for found, wanted in zip(total(Profiles(panels, others.slices)), expected, strict=True):
         np.testing.assert_array_equal(found, wanted)
+
+
+@pytest.mark.parametrize("control", CONTROLS)
+def test_lifts_are_integrals_of_what_slices_are_multiplied_by(control: str | None) -> None:
+    model = albedo.model("lafortune_scaled")
+    ladder = Ladder(model, control, 7e-10)
+    for _ in range(5):
+        ladder.step()
+    ladder._pass_on()
+    ladder._values()
+    (profiles,) = ladder._parts
+    s, divisor = profiles.slices, ladder.divisor(5)
+    bent = np.flatnonzero(s.bent > 0)[::10]
+    assert bent.size > 20 or control
+    t = (np.arange(400) + 0.5) / 400.0
+    for k in (*bent.tolist(), *range(0, s.panel.size, s.panel.size // 40)):
+        i = s.panel[k]
+        row, code, size = profiles.row[i], profiles.code[i], s.end[k] - s.start[k]
+        known = profiles.geometry[row], code[0], code[3], profiles.box[i]
+        view = np.sin([height_at(*known, at) for at in s.start[k] + size * t])
+        light = np.full(view.size, ladder._cos[row])
+        lift = size * np.exp(-divisor.logs(light, view)).mean()
+        # Middles of 400 parts, where roots of the distance begin: (1/400)^1.5 and a few times more.
+        np.testing.assert_allclose(s.lift[k], lift, rtol=1e-3)
 
 
 def test_slices_of_rows_are_told_with_their_rows() -> None:

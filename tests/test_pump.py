@@ -241,6 +241,22 @@ def test_a_goal_is_met(control: str | None, steps: int, goal: float) -> None:
     assert np.all(np.abs(found.value - other.value) <= found.error + other.error)
 
 
+@pytest.mark.parametrize(
+    ("n", "control", "steps"), [(64.96, None, 19), (249.5, "literal", 19)], ids=str
+)
+def test_ten_digits_are_met_where_steps_lift_what_is_dark(
+    n: float, control: str | None, steps: int
+) -> None:
+    """Panels whose dark ends steps divide by a millionth: bounds had been 1.2e-10 and 1.8e-10."""
+    model = albedo.pump(albedo.model("blinn", n=n), steps, control, goal=1e-10)
+    c = np.concatenate((np.geomspace(1e-6, 0.05, 12), np.linspace(0.07, 1.0, 14)))
+    found = albedo.directional_albedo(model, c, rtol=1e-10)
+    assert np.all(found.converged)
+    assert np.all(found.error <= 1e-10 * found.value)
+    other = albedo.directional_albedo(albedo.pump(model.base, steps, control), c)
+    assert np.all(np.abs(found.value - other.value) <= found.error + other.error)
+
+
 def test_albedos_of_steps_are_told_over_azimuths() -> None:
     base = albedo.model("ward", alpha_x=0.4, alpha_y=0.2)
     model = albedo.pump(base, 1, goal=1e-3)

@@ -32,7 +32,7 @@ _TAIL, _WINDOW = 4.0, 3
 # It counts for less than errors along the rings: a panel that is not cut does not read its series.
 _SHOWN = 0.2
 # Roundings at the nodes are amplified by the degree in the last coefficients.
-_NOISE = 1024.0 * np.finfo(np.float64).eps
+_NOISE = 256.0 * np.finfo(np.float64).eps
 # Rows that one integrates at once, and those that begin with the cells of the one in their midst.
 _BATCH, _ALIKE = 64, 13
 

@@ -82,6 +82,7 @@ def _put(
     value,
     error,
     most,
+    lift,
     log_scale,
     stale,
 ):
@@ -95,7 +96,7 @@ def _put(
             first[k] = nodes
             nodes += order[i]
         if i >= gone.size:
-            value[k] = error[k] = most[k] = 0.0
+            value[k] = error[k] = most[k] = lift[k] = 0.0
         where[i] = k
         panels[k], starts[k], ends[k] = panel[i], start[i], end[i]
         orders[k], bends[k] = order[i], bent[i]
@@ -168,8 +169,9 @@ class Slices:
         end (2) or both (3); nodes are clustered there.
     first : ndarray
         The first of its nodes.
-    value, error, most : ndarray
-        What it was last worth, the bound of its rule, and the largest factor of its nodes.
+    value, error, most, lift : ndarray
+        What it was last worth, the bound of its rule, the largest factor of its nodes, and the
+        integral of the factor over its part of the panel.
     log_scale : ndarray
         Logarithm of what all of its nodes are divided by, besides their own products.
     low, high : ndarray
@@ -189,7 +191,8 @@ class Slices:
     panel, start, end = _Column("_slices"), _Column("_slices"), _Column("_slices")
     order, first, stale = _Column("_slices"), _Column("_slices"), _Column("_slices")
     bent = _Column("_slices")
-    value, error, most = _Column("_slices"), _Column("_slices"), _Column("_slices")
+    value, error = _Column("_slices"), _Column("_slices")
+    most, lift = _Column("_slices"), _Column("_slices")
     log_scale, low, high = _Column("_slices"), _Column("_slices"), _Column("_slices")
     _slices: _Store
     _nodes: _Store
@@ -200,7 +203,7 @@ class Slices:
             self._slices, self._nodes = room._slices.emptied(), room._nodes.emptied()
             return
         whole = dict.fromkeys(("panel", "order", "bent", "first"), np.empty(0, int))
-        names = ("start", "end", "value", "error", "most", "log_scale", "low", "high")
+        names = ("start", "end", "value", "error", "most", "lift", "log_scale", "low", "high")
         real = dict.fromkeys(names, np.empty(0))
         self._slices = _Store({**whole, **real, "stale": np.empty(0, bool)}, 0)
         self._nodes = _Store(dict.fromkeys(("density", "y", "log_product"), np.empty(0)), 0)
@@ -221,7 +224,7 @@ class Slices:
         self._slices.lengthen(panel.size - gone.size)
         where = np.empty(panel.size, int)
         own = self.panel, self.start, self.end, self.order, self.bent, self.first
-        rest = self.value, self.error, self.most, self.log_scale, self.stale
+        rest = self.value, self.error, self.most, self.lift, self.log_scale, self.stale
         nodes = self._nodes.size
         last = _put(gone, panel, start, end, order, bent, nodes, where, *own, *rest)
         self._nodes.lengthen(last - nodes)
@@ -321,16 +324,17 @@ class Profiles:
         self.sum_nodes(np.flatnonzero(s.stale), control, log_light)
         n, m = self.geometry.shape[0], self.row.size
         value, of_slices, of_panels = np.zeros((3, n))
-        panels = self.row, self.blur, self.tail, np.zeros(m), np.zeros(m, int)
-        _add_up(s.panel, s.value, s.error, s.most, *panels, value, of_slices, of_panels)
+        panels = self.row, self.blur, self.tail, *np.zeros((2, m)), np.zeros(m, int)
+        slices = s.panel, s.value, s.error, s.most, s.lift
+        _add_up(*slices, *panels, value, of_slices, of_panels)
         return value, of_slices * self.doubt, of_panels * self.doubt
 
     def sum_nodes(self, which: np.ndarray, control: int, log_light: np.ndarray) -> None:
         """Say anew what some slices are worth; see `sums`."""
         s = self.slices
-        _, weights, matrices = rules_by_order()
-        known = s.panel, s.order, s.first, s.density, s.y, s.log_product, s.log_scale
-        rest = self.row, log_light, control == 2, weights, matrices, s.value, s.error, s.most
+        known = s.panel, s.start, s.end, s.order, s.bent, s.first, s.density, s.y, s.log_product
+        rules = s.log_scale, self.row, log_light, control == 2, *rules_by_order()
+        rest = *rules, s.value, s.error, s.most, s.lift
         side_by_side(lambda part: _sums(which[part], *known, *rest), which.size, _FEW)
         s.stale[which] = False
 
@@ -349,7 +353,7 @@ class Profiles:
         others[without] = False
         which = np.flatnonzero(others)
         known = s.panel, s.order, s.first, self.row, s.y, light, control, curve.turns, *curve.pieces
-        rest = s.log_product, s.log_scale, s.value, s.error, s.most, s.stale
+        rest = s.log_product, s.log_scale, s.value, s.error, s.most, s.lift, s.stale
         side_by_side(lambda part: _multiply(which[part], *known, *rest), which.size, _FEW)
 
     def sent(
@@ -642,7 +646,10 @@ def _lay_out(
 def _sums(
     slices,
     panel,
+    start,
+    end,
     order,
+    bent,
     first,
     density,
     y,
@@ -651,17 +658,19 @@ def _sums(
     row,
     log_light,
     clamped,
+    nodes,
     weights,
     matrices,
     value,
     error,
     most,
+    lift,
 ):
     """Fill what some slices are worth."""
     spectrum, along = np.empty(32), np.empty(32)
     for k in slices:
-        q = order[k]
-        most[k] = 0.0
+        q, size = order[k], end[k] - start[k]
+        most[k] = lift[k] = 0.0
         for j in range(q):
             product = log_product[first[k] + j] + log_scale[k]
             if clamped:
@@ -669,6 +678,8 @@ def _sums(
             scale = math.exp(-product)
             along[j] = density[first[k] + j] * scale
             most[k] = max(most[k], scale)
+            _, slope = clustered(nodes[q, j], bent[k])
+            lift[k] += size * slope * weights[q, j] * scale
         matrix = matrices[q, : q * q].reshape(q, q)
         hidden = fill_spectrum(along[:q], weights[q, :q], matrix, spectrum)
         error[k] = max(stopping_bound(spectrum[:q]), hidden)
@@ -677,19 +688,38 @@ def _sums(
 
 @kernel
 def _add_up(
-    panel, value, error, most, row, blur, tail, largest, count, total, of_slices, of_panels
+    panel,
+    value,
+    error,
+    most,
+    lift,
+    row,
+    blur,
+    tail,
+    largest,
+    lifted,
+    count,
+    total,
+    of_slices,
+    of_panels,
 ):
-    """Add slices up to rows, and bounds of panels; `largest` and `count` are room for panels."""
+    """Add slices up to rows, and bounds of panels.
+
+    `largest`, `lifted` and `count` are room for panels: the largest factor, its mean, and how many
+    slices there are.
+    """
     for k in range(panel.size):
         i = panel[k]
         total[row[i]] += value[k]
         of_slices[row[i]] += error[k]
         largest[i] = max(largest[i], most[k])
+        lifted[i] += lift[k]
         count[i] += 1
     for i in range(row.size):
-        # The series of a panel that is one slice is read at its own nodes.
-        left_out = tail[i] if count[i] > 1 else 0.0
-        of_panels[row[i]] += (blur[i] + left_out) * largest[i]
+        # Nobody knows at which heights rings err. What a series leaves out is as much at any of
+        # them, and that of a panel that is one slice is read at its own nodes.
+        left_out = tail[i] * lifted[i] if count[i] > 1 else 0.0
+        of_panels[row[i]] += blur[i] * largest[i] + left_out
 
 
 @kernel
@@ -759,6 +789,7 @@ def _multiply(
     value,
     error,
     most,
+    lift,
     stale,
 ):
     """Add the log of what a step divides by at the nodes of some slices.
@@ -781,6 +812,7 @@ def _multiply(
                     value[k] *= scale
                     error[k] *= scale
                     most[k] *= scale
+                    lift[k] *= scale
                 continue
         stale[k] = True
         curve_along(y, begin, end, parts, cells, 0, at_v)
