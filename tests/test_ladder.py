@@ -653,7 +653,7 @@ def test_rows_have_no_more_slices_than_help(monkeypatch: pytest.MonkeyPatch) -> 
     for n in range(6):
         off = np.abs(noisy.curves[n].at(y) - exact.curves[n].at(y))
         assert np.all(off <= noisy.doubt(n) + noisy.curves[n].bound.max() + exact.doubt(n) + 4e-10)
-    assert noisy.curves[5].bound.max() > 1e-6
+    assert noisy.curves[5].bound.max() > 1e-7
 
 
 STEEP = albedo.model("lafortune_scaled", n=31.57, s=0.1694)
@@ -735,7 +735,7 @@ def test_pieces_that_did_not_do_as_one_are_tried_again_later(
     monkeypatch.setattr(Ladder, "_joined", seen)
     climbed(SCALED, 14)
     again = np.concatenate([np.diff(steps) for steps in tried.values()])
-    assert again.size > 3
+    assert again.size >= 2
     assert np.all(again >= 3)
 
 
