@@ -22,6 +22,9 @@ from albedo.integrators.cells import ModelIntegrand
 DEFAULT_LIMIT = 400_000
 """Evaluations per value before the quadrature gives up and says so."""
 
+# A pumped model may have hundreds of panels, each of which takes a thousand for eleven digits.
+_FINE, _FINE_LIMIT = 1e-9, 4_000_000
+
 # Directions whose Dirac parts are held at once: a model may have thousands of them.
 _SPIKED = 64
 
@@ -104,7 +107,7 @@ def directional_albedo(
         Return 1 - a instead: integrated directly, without cancellation, where the model states
         a unit integral, and by subtraction elsewhere.
     max_evaluations : int, optional
-        Most evaluations per value (default 400,000).
+        Most evaluations per value (default 400,000, and 4,000,000 for less than 1e-9).
 
     Returns
     -------
@@ -203,7 +206,8 @@ def albedo_rows(
     if fixed not in ("light", "view"):
         raise InputError(f"fixed = {fixed!r} is unknown; choose light or view")
     scanned = any(m.resolved_width is not None for m in models)
-    default = _SCAN_LIMIT if scanned else DEFAULT_LIMIT
+    usual = DEFAULT_LIMIT if max(rtol, atol) >= _FINE else _FINE_LIMIT
+    default = _SCAN_LIMIT if scanned else usual
     limit = default if max_evaluations is None else max_evaluations
     if not isinstance(limit, int) or limit < 16:
         raise InputError(f"max_evaluations = {limit!r} is out of range; it must be at least 16")
