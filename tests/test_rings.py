@@ -100,6 +100,22 @@ def test_rings_agree_with_the_chart_of_the_model(spec: str) -> None:
         assert found.converged.all()
 
 
+@pytest.mark.parametrize("spec", ["ward:m=1e-6", "phong:n=1e9"])
+def test_rings_within_a_narrow_lobe_of_the_normal_have_all_digits(spec: str) -> None:
+    """Radii of rings from cosines of elevations had noise of 4e-10 in the sums."""
+    model = next(parse(spec).models())
+    (part,) = model.parts()
+    p = part.packed(np.array([model.pack()], dtype=float))
+    cosines = np.cos([0.0, 1e-7, 1e-6, 1e-5, 1e-3])
+    own, found = (
+        over(part, chart, p, rtol=1e-12, cosines=cosines) for chart in (part.chart, rings_of(part))
+    )
+    assert found.converged.all()
+    assert np.all(np.abs(found.value - own.value) <= found.error + own.error)
+    # A million, and no end, with that noise.
+    assert found.evaluations.max() <= 20_000
+
+
 @pytest.mark.parametrize("n", ["0", "0.01", "0.1"])
 @pytest.mark.parametrize("axis", [None, "1,1,1", "-1,-1,.3", "-1,-1,-.3"])
 def test_rings_that_close_near_the_zenith_are_seen(n: str, axis: str | None) -> None:

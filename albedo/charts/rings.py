@@ -211,15 +211,22 @@ def stretched(g, side, e_v):
 
 
 @kernel
-def _ring(g, kind, kinks, decay, cut, e_v, below):
+def _polar_sine(g, e_v, below):
+    """The sine of V's polar angle; next to the normal its elevation has few digits of that."""
+    if e_v < 0.25 * math.pi or g[4] < 0.0:
+        return math.cos(e_v)
+    return abs(math.sin(g[5] + below))
+
+
+@kernel
+def _ring(g, kind, kinks, decay, cut, e_v, below, s_v):
     """What a ring holds: the scale of tan(chi/4), the end of chi and a kink (0: none), as
     tan(chi/4). See `_cut`."""
     if kind == 3:
         # Broad models turn at right angles to the plane of incidence.
         kink, last = math.tan(0.125 * math.pi), 1.0
         if kinks == 3:
-            n_v, s_v = math.sin(e_v), math.cos(e_v)
-            dark = dark_angle(g[0], g[1], g[8], e_v, n_v, s_v, g[13], g[14], g[15])
+            dark = dark_angle(g[0], g[1], g[8], e_v, math.sin(e_v), s_v, g[13], g[14], g[15])
             last = max(math.tan(0.25 * (math.pi - dark)), kink)
         return 1.0, last, kink
     w2 = g[6] * g[6]
@@ -227,7 +234,6 @@ def _ring(g, kind, kinks, decay, cut, e_v, below):
         scale, last = _low_ring(g, decay, cut, e_v)
         return scale, last, 0.0
     n_l, n_v = g[0], math.sin(e_v)
-    s_v = math.cos(e_v)
     half = math.sin(0.5 * below)
     if kind == 0:
         cosine = math.cos(0.5 * below)
@@ -473,7 +479,8 @@ def _rings(
         v0 = s0 + (s1 - s0) * piece / pieces
         v1 = s0 + (s1 - s0) * (piece + 1) / pieces
         e_v, below, _ = elevation(g, side, 0.5 * (v0 + v1))
-        _, last, kink = _ring(g, kind, kinks, decay, cut, e_v, below)
+        s_v = _polar_sine(g, e_v, below)
+        _, last, kink = _ring(g, kind, kinks, decay, cut, e_v, below, s_v)
         if last <= 0.0:
             continue
         inner = 2 if kink > 0.0 and not coarse else 1
@@ -487,7 +494,8 @@ def _rings(
             folds = 0.0
             for sample in range(3):
                 e_v, below, _ = elevation(g, side, v0 + (0.02 + 0.48 * sample) * (v1 - v0))
-                scale, last, kink = _ring(g, kind, kinks, decay, cut, e_v, below)
+                s_v = _polar_sine(g, e_v, below)
+                scale, last, kink = _ring(g, kind, kinks, decay, cut, e_v, below, s_v)
                 start = kink if part == 1 else 0.0
                 end = kink if part == 0 and inner == 2 else last
                 folds = max(folds, math.asinh(end / scale) - math.asinh(start / scale))
@@ -555,8 +563,8 @@ def _nodes(geometry, code, box, u, v, numbers, wi, wo, h, weight):
         for iv in range(v.size):
             x, dx = clustered(v0 + (v1 - v0) * v[iv], code[k, 3])
             e_v, below, slope = elevation(g, side, first + (final - first) * x)
-            n_v[iv], s_v[iv] = math.sin(e_v), math.cos(e_v)
-            scale[iv], last, kink = _ring(g, kind, kinks, decay, cut, e_v, below)
+            n_v[iv], s_v[iv] = math.sin(e_v), _polar_sine(g, e_v, below)
+            scale[iv], last, kink = _ring(g, kind, kinks, decay, cut, e_v, below, s_v[iv])
             start[iv] = math.asinh(kink / scale[iv]) if part == 1 else 0.0
             size[iv] = math.asinh((kink if part == 0 else last) / scale[iv]) - start[iv]
             area = n_v[iv] * s_v[iv] * slope * (final - first) * dx * (v1 - v0) * (u1 - u0)
