@@ -59,7 +59,7 @@ class Ahead:
     """
 
     curve: LogCurve
-    steps: tuple[float, ...] = (0.0, 4.0, 12.0)
+    steps: tuple[float, ...] = (0.0, 2.0, 6.0)
     clamped: bool = False
 
     def shares(
