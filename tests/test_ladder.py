@@ -381,6 +381,35 @@ def test_turnings_are_where_the_clamp_changes_course() -> None:
         assert course(place - 1e-3) != course(place + 1e-3)
 
 
+def test_a_clamp_that_begins_at_a_corner_is_seen_at_once() -> None:
+    """Where another height has the albedo of L the product has a corner, which dips below the
+    cosine before any other place does: a bound of 3e-14 had hidden 2e-10 there.
+    """
+    base = albedo.model("ashikhmin_shirley", n_u=56.77, n_v=56.77, r_s=0.7398, r_d=0.6093)
+    divisor = climbed(base, 4, "cumulative").divisor(4)
+    curve = divisor.curves[1]
+
+    def corner(y: float) -> tuple[float, float]:
+        """The place that has L's second albedo, and by how much the product exceeds n.l there."""
+        (place,) = divisor._levels_of(curve, np.array([y]))
+        c = unfolded(np.array([y, place[0]]))
+        excess = divisor._free.logs(c[:1], c[1:]) - np.log(c.max())
+        return float(place[0]), float(excess[0])
+
+    low, high = 0.325, 0.33
+    assert corner(low)[1] > 0.0 > corner(high)[1]
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if corner(middle)[1] > 0.0 else (low, middle)
+    for beyond in (1e-8, 1e-7, 1e-6, 3e-6):
+        place, excess = corner(high + beyond)
+        assert excess < 0.0
+        found = np.array(divisor._clamped(np.array([high + beyond])))
+        around = np.sort(found[np.abs(found - place) < 1e-3])
+        assert around.size == 2
+        assert around[0] < place < around[1]
+
+
 def test_marks_with_a_floor_are_those_of_the_larger_of_curve_and_cosine() -> None:
     (curve,) = climbed(albedo.model("ward", m=0.4), 1, "literal").curves
 

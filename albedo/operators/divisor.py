@@ -728,8 +728,9 @@ class Divisor:
 
     @cached_property
     def _sampled(self) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates that show the extrema of the newest curve, and what is divided by there."""
-        y = self.curves[-1].samples
+        """Coordinates that show the extrema of the newest curve and the corners of all, and what is
+        divided by there."""
+        y = np.unique(np.concatenate((self.curves[-1].samples, *(c.bends for c in self.curves))))
         return y, np.stack([curve.at(y) for curve in self._free._used])
 
 
@@ -775,48 +776,79 @@ def _closest(low, high, log_l, at_l, r, parts, cells):
 
 
 @kernel
+def _looks(y, log_v, at_v, y_l, log_l, at_l, r, parts, cells, product, corners, looks, seen):
+    """Fill places, ascending, at which the excess of row r is looked at, and what it is there.
+
+    Those are given ones, L's own height, and where an albedo is that of L. Return how many.
+    """
+    product[:], corners[:] = 0.0, 0
+    for j in range(at_v.shape[0]):
+        at_own = at_l[j, r]
+        for i in range(y.size):
+            product[i] += max(at_v[j, i], at_own)
+        for i in range(1, y.size):
+            corners[i] += (at_v[j, i - 1] > at_own) != (at_v[j, i] > at_own)
+    count, own = 0, False
+    for i in range(y.size):
+        first = count
+        if not own and y[i] > y_l:
+            own = True
+            looks[count] = y_l
+            count += 1
+        elif corners[i] > 0:
+            for j in range(at_v.shape[0]):
+                if (at_v[j, i - 1] > at_l[j, r]) != (at_v[j, i] > at_l[j, r]):
+                    known = at_v[j, i - 1], at_v[j, i], at_l[j, r], False
+                    looks[count] = _level(y[i - 1], y[i], *known, parts, cells[j : j + 1])
+                    count += 1
+            # Few, and mostly one.
+            for last in range(first + 1, count):
+                place, at = looks[last], last
+                while at > first and looks[at - 1] > place:
+                    looks[at] = looks[at - 1]
+                    at -= 1
+                looks[at] = place
+        for k in range(first, count):
+            seen[k] = _excess(looks[k], log_l, at_l, r, parts, cells)
+        looks[count], seen[count] = y[i], product[i] - max(log_v[i], log_l)
+        count += 1
+    return count
+
+
+@kernel
 def _clamp_levels(y, log_v, at_v, y_l, at_l, parts, cells, out):
     """Fill the places where a sum of maxima is the log of the larger cosine; return how many.
 
-    L's own height, where the larger cosine has a corner, is looked at too, and so is what comes
-    near to 0 between the places.
+    L's own height, where the larger cosine has a corner, is looked at too, and so are all corners
+    of the sum, and what comes near to 0 between the places.
     """
-    steps, most = at_v.shape[0], 0
-    places, seen = np.empty(3), np.empty(3)
-    product = np.empty(y.size)
+    most, room = 0, (y.size + 1) * (at_v.shape[0] + 1)
+    looks, seen = np.empty(room), np.empty(room)
+    product, corners = np.empty(y.size), np.empty(y.size, np.int64)
     for r in range(y_l.size):
         cosine, _ = unfold(y_l[r])
         log_l = math.log(max(cosine, LOWEST))
-        product[:] = 0.0
-        for j in range(steps):
-            at_own = at_l[j, r]
-            for i in range(y.size):
-                product[i] += max(at_v[j, i], at_own)
-        count, looks, i = 0, 0, 0
-        own = False
-        while i < y.size:
-            places[0], seen[0] = places[1], seen[1]
-            places[1], seen[1] = places[2], seen[2]
-            if not own and y[i] > y_l[r]:
-                own = True
-                places[2], seen[2] = y_l[r], _excess(y_l[r], log_l, at_l, r, parts, cells)
-            else:
-                places[2], seen[2] = y[i], product[i] - max(log_v[i], log_l)
-                i += 1
-            looks += 1
-            if looks > 1 and (seen[1] > 0.0) != (seen[2] > 0.0):
+        row = y_l[r], log_l, at_l, r, parts, cells
+        found = _looks(y, log_v, at_v, *row, product, corners, looks, seen)
+        count = 0
+        for i in range(1, found):
+            here, after = seen[i - 1], seen[i]
+            if (here > 0.0) != (after > 0.0):
                 if count < out.shape[0]:
-                    out[count, r] = _change(places[1], places[2], log_l, at_l, r, parts, cells)
+                    out[count, r] = _change(looks[i - 1], looks[i], log_l, at_l, r, parts, cells)
                 count += 1
-            steep = max(abs(seen[0] - seen[1]), abs(seen[2] - seen[1]))
-            same = (seen[0] > 0.0) == (seen[1] > 0.0) and (seen[1] > 0.0) == (seen[2] > 0.0)
-            near = abs(seen[1]) <= min(abs(seen[0]), abs(seen[2])) and abs(seen[1]) < _STEEP * steep
-            if looks > 2 and same and near:
-                x = _closest(places[0], places[2], log_l, at_l, r, parts, cells)
-                if (_excess(x, log_l, at_l, r, parts, cells) > 0.0) != (seen[1] > 0.0):
+                continue
+            if i < 2:
+                continue
+            before, a, c = seen[i - 2], looks[i - 2], looks[i]
+            steep = max(abs(before - here), abs(after - here))
+            near = abs(here) <= min(abs(before), abs(after)) and abs(here) < _STEEP * steep
+            if near and (before > 0.0) == (here > 0.0):
+                x = _closest(a, c, log_l, at_l, r, parts, cells)
+                if (_excess(x, log_l, at_l, r, parts, cells) > 0.0) != (here > 0.0):
                     if count + 1 < out.shape[0]:
-                        out[count, r] = _change(places[0], x, log_l, at_l, r, parts, cells)
-                        out[count + 1, r] = _change(x, places[2], log_l, at_l, r, parts, cells)
+                        out[count, r] = _change(a, x, log_l, at_l, r, parts, cells)
+                        out[count + 1, r] = _change(x, c, log_l, at_l, r, parts, cells)
                     count += 2
         most = max(most, count)
     return most
