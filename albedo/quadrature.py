@@ -23,7 +23,7 @@ DEFAULT_LIMIT = 400_000
 """Evaluations per value before the quadrature gives up and says so."""
 
 # A pumped model may have hundreds of panels, each of which takes a thousand for eleven digits.
-_FINE, _FINE_LIMIT = 1e-9, 4_000_000
+_PER_PANEL = 2_000
 
 # Directions whose Dirac parts are held at once: a model may have thousands of them.
 _SPIKED = 64
@@ -107,7 +107,8 @@ def directional_albedo(
         Return 1 - a instead: integrated directly, without cancellation, where the model states
         a unit integral, and by subtraction elsewhere.
     max_evaluations : int, optional
-        Most evaluations per value (default 400,000, and 4,000,000 for less than 1e-9).
+        Most evaluations per value (default 400,000, or 2,000 for each panel of a part where that is
+        more).
 
     Returns
     -------
@@ -206,12 +207,12 @@ def albedo_rows(
     if fixed not in ("light", "view"):
         raise InputError(f"fixed = {fixed!r} is unknown; choose light or view")
     scanned = any(m.resolved_width is not None for m in models)
-    usual = DEFAULT_LIMIT if max(rtol, atol) >= _FINE else _FINE_LIMIT
-    default = _SCAN_LIMIT if scanned else usual
+    default = _SCAN_LIMIT if scanned else DEFAULT_LIMIT
     limit = default if max_evaluations is None else max_evaluations
     if not isinstance(limit, int) or limit < 16:
         raise InputError(f"max_evaluations = {limit!r} is out of range; it must be at least 16")
     options: dict[str, Any] = {"rtol": rtol, "atol": atol, "limit": limit, "shared": shared}
+    options["per_panel"] = _PER_PANEL if max_evaluations is None else 0
     swap = fixed == "view"
     zero = cos_theta == 0.0
     if not zero.any():
@@ -311,7 +312,10 @@ def _rows(
             # Where the parts found so far have used up everything, each has its own digits.
             given = np.where(left > 0.0, left - job.share, 0.0)
             tolerance = {"atol": options["atol"], "rtol": job.rtol, "slack": given}
-            result = integrate(*job.what, **tolerance, limit=limit, begun=job.begun)
+            per_panel = options["per_panel"]
+            result = integrate(
+                *job.what, **tolerance, limit=limit, per_panel=per_panel, begun=job.begun
+            )
             of_numbers = job.doubt * np.abs(result.value)
             numbers[rows] += of_numbers
             result.error += of_numbers

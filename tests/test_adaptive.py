@@ -46,14 +46,29 @@ class Square:
         return np.ones((3, m)), wo, np.ones_like(wo), weight
 
 
-def over_square(surface: Surface, rtol: float = 1e-8, limit: int = 400_000) -> Result:
+def over_square(
+    surface: Surface, rtol: float = 1e-8, limit: int = 400_000, per_panel: int = 0
+) -> Result:
     return integrate(
         *(Square(), lambda row, wi, wo, h: surface(wo[0], wo[1]), np.ones(1), np.zeros(1)),
         *(np.ones((1, 2)), True),
         rtol=rtol,
         atol=0.0,
         limit=limit,
+        per_panel=per_panel,
     )
+
+
+def test_rows_may_have_evaluations_for_each_of_their_panels() -> None:
+    few, more = (
+        over_square(np.maximum, 1e-5, limit=5_000, per_panel=some) for some in (0, 200_000)
+    )
+    assert not few.converged.any()
+    assert few.evaluations.max() <= 5_000
+    assert more.converged.all()
+    assert 5_000 < more.evaluations.max() <= 200_000
+    for found in (few, more):
+        assert np.all(np.abs(found.value - 2.0 / 3.0) <= found.error)
 
 
 @pytest.mark.parametrize("rtol", [1e-3, 1e-8, 1e-12])

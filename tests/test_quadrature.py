@@ -11,7 +11,7 @@ import pytest
 from scipy import integrate as scipy_integrate
 
 import albedo
-from albedo.brdf import Model, Part, Real
+from albedo.brdf import Model
 from albedo.charts.cosine import CosineChart
 from albedo.charts.polar import PolarChart
 from albedo.charts.scan import ScanChart
@@ -162,37 +162,6 @@ def test_a_budget_that_is_too_small_is_said() -> None:
     assert not found.converged
     reference = albedo.directional_albedo(albedo.model("ward"), 0.1)
     assert abs(found.value - reference.value) <= found.error + reference.error
-
-
-def creased(wi: np.ndarray, wo: np.ndarray, h: np.ndarray, p: np.ndarray, out: np.ndarray) -> None:
-    out[...] = np.abs(wo[0] - p[:, :1]) / math.pi
-
-
-class Creased(Model):
-    """f = |v.x - d| / pi: a kink along a line of the disc that directions make."""
-
-    name = "creased"
-    d = Real(0.95, "place of the kink", low=0.0, high=1.0)
-
-    def pack(self) -> tuple[float, ...]:
-        return (self.d,)
-
-    def parts(self) -> tuple[Part, ...]:
-        return (Part("diffuse", creased, CosineChart()),)
-
-
-def test_ten_digits_may_take_more_evaluations_than_eight() -> None:
-    """A kink that no panel ends at: 400,000 are not enough for less than 1e-9."""
-    d = 0.95
-    segment = d * math.sqrt(1.0 - d * d) + math.asin(d)
-    exact = 2.0 / math.pi * (2.0 / 3.0 * (1.0 - d * d) ** 1.5 + d * segment)
-    found = albedo.directional_albedo(Creased(d=d), 0.5, rtol=1e-10)
-    assert found.converged
-    assert 400_000 < found.evaluations < 4_000_000
-    assert abs(found.value - exact) <= found.error
-    with pytest.warns(albedo.ConvergenceWarning, match="1 of 1 values missed"):
-        less = albedo.directional_albedo(Creased(d=0.5), 0.5, rtol=1e-9)
-    assert less.evaluations <= 400_000
 
 
 def test_tables_carry_labels_and_do_not_depend_on_threads() -> None:

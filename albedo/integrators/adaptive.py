@@ -80,8 +80,8 @@ class Refined:
         All cells, with what was measured of them.
     doubt : ndarray, shape (n,)
         Factors of the bounds of the rows.
-    spent, rounds : ndarray of int, shape (n,)
-        Evaluations, and how often a row was refined.
+    spent, rounds, panels : ndarray of int, shape (n,)
+        Evaluations, how often a row was refined, and how many cells it began with.
     start : int
         Order that cells begin with.
     """
@@ -91,6 +91,7 @@ class Refined:
     doubt: np.ndarray
     spent: np.ndarray
     rounds: np.ndarray
+    panels: np.ndarray
     start: int
 
 
@@ -226,7 +227,8 @@ def refine_alike(
         if judge_series:
             judge_series(cells)
         doubt, rounds = known.doubt[np.searchsorted(numbers, like)], np.zeros(which.size, dtype=int)
-        begun = Refined(geometry[which], cells, doubt, spent, rounds, done.start)
+        first = np.bincount(cells.row, minlength=which.size)
+        begun = Refined(geometry[which], cells, doubt, spent, rounds, first, done.start)
         _go_on(*(chart, inner, begun), **(how | {"rtol": worth, "atol": atol[which]}))
         found.append((begun, which))
     return _together(*found)
@@ -304,9 +306,9 @@ def _together(*found: tuple[Refined, np.ndarray]) -> Refined:
     ]
     cells = Cells(*columns)
     cells.row = np.concatenate([rows[some.cells.row] for some, rows in found])
-    names = ("geometry", "doubt", "spent", "rounds")
-    geometry, doubt, spent, rounds = (stacked(name) for name in names)
-    return Refined(geometry, cells, doubt, spent, rounds, found[0][0].start)
+    names = ("geometry", "doubt", "spent", "rounds", "panels")
+    geometry, doubt, spent, rounds, panels = (stacked(name) for name in names)
+    return Refined(geometry, cells, doubt, spent, rounds, panels, found[0][0].start)
 
 
 def _begin(
@@ -354,7 +356,7 @@ def _begin(
     evaluate(chart, integrand, geometry, cells)
     if judge_series:
         judge_series(cells)
-    return Refined(geometry, cells, doubt, spent, np.zeros(n, dtype=int), start)
+    return Refined(geometry, cells, doubt, spent, np.zeros(n, dtype=int), per_row, start)
 
 
 def _go_on(
@@ -364,7 +366,7 @@ def _go_on(
     *,
     rtol: float,
     atol: float | np.ndarray,
-    limit: int,
+    limit: int | np.ndarray,
     slack: float | np.ndarray = 0.0,
     judge_series: Callable[[Cells], None] | None = None,
     weigh: Callable[[np.ndarray, Cells], np.ndarray] | None = None,
@@ -413,6 +415,7 @@ def integrate(
     rtol: float,
     atol: float | np.ndarray,
     limit: int,
+    per_panel: int = 0,
     probe: bool = True,
     fine: bool = False,
     slack: float | np.ndarray = 0.0,
@@ -436,6 +439,8 @@ def integrate(
         A row is done when its error is at most max(atol, slack + rtol |value|).
     limit : int
         Most evaluations of the integrand per row, probes included.
+    per_panel : int
+        Rows may have so many for each of their panels, where that is more.
     probe : bool
         Add the effect of moving every direction by an ulp to the bound.
     fine : bool
@@ -454,13 +459,14 @@ def integrate(
     done = begun or _begin(
         *(chart, integrand, cos_theta, phi, widths, isotropic), rtol=rtol, limit=limit, fine=fine
     )
-    _go_on(chart, integrand, done, rtol=rtol, atol=atol, limit=limit, slack=slack)
+    most = np.maximum(limit, per_panel * done.panels)
+    _go_on(chart, integrand, done, rtol=rtol, atol=atol, limit=most, slack=slack)
     geometry, cells, doubt, spent = done.geometry, done.cells, done.doubt, done.spent
     value, error, size, leaves = _sums(cells, n)
     if not probe:
         nodes, shift = 0, np.zeros(n)
     else:
-        nodes = 2 if limit - int(spent.max()) >= 8 * int(leaves.max()) else 1
+        nodes = 2 if np.all(most - spent >= 8 * leaves.max()) else 1
         shift = probe_cells(chart, integrand, geometry, cells, n, nodes)
     spent = spent + 2 * nodes * nodes * leaves
     rounding = _ROUNDINGS * _EPS * size + 4.0 * shift
@@ -484,6 +490,7 @@ def integrate(
             rtol=rtol,
             atol=np.broadcast_to(atol, n)[refused],
             limit=limit,
+            per_panel=per_panel,
             probe=probe,
             fine=True,
             slack=np.broadcast_to(slack, n)[refused],
