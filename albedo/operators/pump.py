@@ -449,7 +449,7 @@ def pump(
     >>> import albedo
     >>> brighter = albedo.pump(albedo.model("phong", n=20), steps=2)
     >>> print(albedo.directional_albedo(brighter, 0.1))
-    0.790834366(4) [bound]
+    0.790834366(2) [bound]
     """
     if not isinstance(model, Model):
         raise InputError(f"pump needs a model, not {type(model).__name__}")
