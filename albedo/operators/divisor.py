@@ -779,7 +779,8 @@ def _closest(low, high, log_l, at_l, r, parts, cells):
 def _looks(y, log_v, at_v, y_l, log_l, at_l, r, parts, cells, product, corners, looks, seen):
     """Fill places, ascending, at which the excess of row r is looked at, and what it is there.
 
-    Those are given ones, L's own height, and where an albedo is that of L. Return how many.
+    Those are given ones, L's own height, and where an albedo is that of L, but for what lies
+    between L and the given ones next to it. Return how many.
     """
     product[:], corners[:] = 0.0, 0
     for j in range(at_v.shape[0]):
@@ -819,8 +820,8 @@ def _looks(y, log_v, at_v, y_l, log_l, at_l, r, parts, cells, product, corners, 
 def _clamp_levels(y, log_v, at_v, y_l, at_l, parts, cells, out):
     """Fill the places where a sum of maxima is the log of the larger cosine; return how many.
 
-    L's own height, where the larger cosine has a corner, is looked at too, and so are all corners
-    of the sum, and what comes near to 0 between the places.
+    L's own height, where the larger cosine has a corner, is looked at too, and so are the corners
+    of the sum, but for any next to it, and what comes near to 0 between the places.
     """
     most, room = 0, (y.size + 1) * (at_v.shape[0] + 1)
     looks, seen = np.empty(room), np.empty(room)
