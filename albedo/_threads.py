@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import itertools
 import math
+import operator
 import os
+import sys
 import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ContextDecorator
 from functools import cache
 from typing import Any, TypeVar, cast
@@ -19,7 +21,6 @@ from albedo.errors import InputError
 _Result = TypeVar("_Result")
 _MOST = 256
 _SHARES = 3
-_inside = threading.local()
 
 
 def threads() -> int:
@@ -57,16 +58,17 @@ class _BlasInOne(ContextDecorator):
         self._users = 0
         self._limit: Any = None
         self._own = threading.local()
+        # The libraries, and how many modules there were when they were looked for.
+        self._controller: Any = None
+        self._modules = 0
 
     def __enter__(self) -> None:
-        from threadpoolctl import ThreadpoolController
-
         self._own.depth = getattr(self._own, "depth", 0) + 1
         if self._own.depth > 1:
             return
         with self._lock:
-            # There may be more libraries than the last time. Some keep a number for each thread.
-            limit = ThreadpoolController().limit(limits=1, user_api="blas")
+            # Some keep a number for each thread.
+            limit = self._libraries().limit(limits=1, user_api="blas")
             if self._users == 0:
                 # Whoever comes second may find the limit of the first.
                 self._limit = limit
@@ -79,6 +81,14 @@ class _BlasInOne(ContextDecorator):
         with self._lock:
             self._users -= 1
             self._limit.restore_original_limits()
+
+    def _libraries(self) -> Any:
+        from threadpoolctl import ThreadpoolController
+
+        # Modules bring libraries with them; to look for those takes half a millisecond.
+        if self._controller is None or self._modules != len(sys.modules):
+            self._controller, self._modules = ThreadpoolController(), len(sys.modules)
+        return self._controller
 
 
 blas_in_one = _BlasInOne()
@@ -141,35 +151,88 @@ def _worth(amount: float, least: float) -> int:
     return min(threads(), most) if most > 1 else 1
 
 
+class _AtWork:
+    """How many threads work, of which those that wait for others are none: those make room."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._count = 0
+        self._own = threading.local()
+
+    def __enter__(self) -> None:
+        self._own.depth = getattr(self._own, "depth", 0) + 1
+        if self._own.depth == 1:
+            self.change(1)
+
+    def __exit__(self, *_: object) -> None:
+        self._own.depth -= 1
+        if self._own.depth == 0:
+            self.change(-1)
+
+    def change(self, count: int) -> None:
+        with self._lock:
+            self._count += count
+
+    def reserve(self, most: int) -> int:
+        """Count so many more, or as many as there is room for; return how many."""
+        if most <= 0:
+            return 0
+        with self._lock:
+            count = min(most, max(threads() - self._count, 0))
+            self._count += count
+        return count
+
+
+_at_work = _AtWork()
+
+
 def _found(work: Callable[[slice], _Result], ends: list[int], most: int) -> list[_Result]:
     parts = [slice(a, b) for a, b in itertools.pairwise(ends)]
     if len(parts) == 1:
         return [work(parts[0])]
-    # What waits in a thread of the pool must not wait for another.
-    workers = 1 if hasattr(_inside, "pool") else min(most, len(parts))
-    if workers == 1:
-        return [work(part) for part in parts]
     todo, found = iter(range(len(parts))), cast(list[_Result], [None] * len(parts))
+    others: list[Future[None]] = []
 
-    def pull() -> None:
-        for k in todo:
-            found[k] = work(parts[k])
+    def help_() -> None:
+        # It is counted already.
+        _at_work.change(-1)
+        with _at_work:
+            for k in todo:
+                found[k] = work(parts[k])
 
-    # Whoever waits works as well, and does not wait for those that have nothing left to begin.
-    pool = _pool(threads() - 1, os.getpid())
-    others = [pool.submit(pull) for _ in range(workers - 1)]
-    pull()
-    for other in others:
-        if not other.cancel():
-            other.result()
+    with _at_work:
+        try:
+            # Whoever waits works as well; there may be room for more by and by.
+            for k in todo:
+                left = min(operator.length_hint(todo), most - 1 - len(others))
+                for _ in range(_at_work.reserve(left)):
+                    others.append(_pool(threads(), os.getpid()).submit(help_))
+                found[k] = work(parts[k])
+        finally:
+            # Nothing more is begun when this is interrupted.
+            for _ in todo:
+                pass
+            _wait(others)
     return found
+
+
+def _wait(others: list[Future[None]]) -> None:
+    """Wait for those that have begun something, and leave room for others meanwhile."""
+    _at_work.change(-1)
+    try:
+        for other in others:
+            if other.cancel():
+                _at_work.change(-1)
+            else:
+                other.result()
+    finally:
+        _at_work.change(1)
 
 
 @cache
 def _pool(count: int, process: int) -> ThreadPoolExecutor:
-    """Threads of this process: one that was forked has none of those before."""
-    return ThreadPoolExecutor(count, initializer=_mark)
+    """Threads of this process: one that was forked has none of those before.
 
-
-def _mark() -> None:
-    _inside.pool = True
+    They are one more than work at once, because whoever waits makes room for another.
+    """
+    return ThreadPoolExecutor(count)

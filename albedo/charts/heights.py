@@ -79,13 +79,20 @@ def _fold_all(c, s, y):
         y[i] = fold(c[i], s[i])
 
 
+@kernel
+def _fold_cosines(c, y):
+    for i in range(c.size):
+        y[i] = fold(c[i], math.sqrt(max((1.0 - c[i]) * (1.0 + c[i]), 0.0)))
+
+
 def folded(c: np.ndarray, s: np.ndarray | None = None) -> np.ndarray:
     """The coordinate y of cosines of any shape, and of sines where they are known better."""
     c = np.asarray(c, dtype=np.float64)
+    flat, y = np.ascontiguousarray(c).ravel(), np.empty(c.size)
     if s is None:
-        s = np.sqrt(np.maximum((1.0 - c) * (1.0 + c), 0.0))
-    y = np.empty(c.size)
-    _fold_all(np.ascontiguousarray(c).ravel(), np.ascontiguousarray(s).ravel(), y)
+        _fold_cosines(flat, y)
+    else:
+        _fold_all(flat, np.ascontiguousarray(s).ravel(), y)
     return y.reshape(c.shape)
 
 

@@ -72,6 +72,28 @@ def straight(
     return found
 
 
+def basis_of(
+    y: np.ndarray,
+    low: float | np.ndarray,
+    high: float | np.ndarray,
+    bent: int | np.ndarray,
+    terms: int,
+) -> np.ndarray:
+    """So many of Chebyshev's polynomials, two at least, of that variable: (..., terms)."""
+    x = straight(y, low, high, bent)
+    found = np.empty((x.size, terms))
+    _fill_basis(x.ravel(), found)
+    return found.reshape(*x.shape, terms)
+
+
+@kernel
+def _fill_basis(x, found):
+    for i in range(x.size):
+        found[i, 0], found[i, 1] = 1.0, x[i]
+        for m in range(2, found.shape[1]):
+            found[i, m] = 2.0 * x[i] * found[i, m - 1] - found[i, m - 2]
+
+
 def placed(x: np.ndarray, bent: int | np.ndarray) -> np.ndarray:
     """Places on a piece, from 0 to 1, of which those of x are even in the variable of a series."""
     found: np.ndarray = np.where(bent == 1, x * x, np.where(bent == 2, x * (2.0 - x), x))

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from albedo.operators.divisor import TERMS, LogCurve, placed, straight
+from albedo.operators.divisor import TERMS, LogCurve, basis_of, placed
 
 _NODES = chebyshev.chebpts2(TERMS)
 _TO_SERIES = np.linalg.inv(chebyshev.chebvander(_NODES, TERMS - 1)).T
@@ -76,7 +76,7 @@ class _Joints:
         group = np.repeat(np.arange(first.size), count)
         piece = np.arange(group.size) + (first - begin)[group]
         known = low[group, None], high[group, None], bent[group, None]
-        basis = chebyshev.chebvander(straight(self._y[piece], *known), TERMS - 1)
+        basis = basis_of(self._y[piece], *known, TERMS)
         missed = np.abs((basis @ series[group, :, None])[:, :, 0] - self._value[piece]).max(1)
         return _Groups(first, last, bent, series, np.maximum.reduceat(missed, begin))
 

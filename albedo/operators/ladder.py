@@ -48,7 +48,7 @@ from albedo.operators.families import Families
 from albedo.operators.joined import joined
 from albedo.operators.nodes import MOST, TRUST, cosines
 from albedo.operators.panels import Ahead, Panels
-from albedo.operators.pieces import FRESH, Piece, between, bound_of
+from albedo.operators.pieces import FRESH, Piece, between, bound_of, matrices_of
 from albedo.operators.profiles import Profiles, Runs, Slices
 
 _EPS = np.finfo(np.float64).eps
@@ -742,8 +742,7 @@ class Ladder:
         for gaps, points in set(sizes):
             which = [k for k, size in enumerate(sizes) if size == (gaps, points)]
             rows = np.stack([self._rows(pieces[k]) for k in which])
-            to_series = np.stack([pieces[k].to_series for k in which])
-            basis = np.stack([pieces[k].basis for k in which])
+            basis, to_series = matrices_of([pieces[k] for k in which])
             known = logs[rows, None]
             series = np.zeros((len(which), TERMS))
             series[:, : gaps + 1] = (to_series @ known[:, : gaps + 1])[:, :, 0]

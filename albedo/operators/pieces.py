@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
 import numpy as np
-from numpy.polynomial import chebyshev
 
 from albedo._compile import kernel
 from albedo.charts.heights import folded
-from albedo.operators.divisor import placed, straight
+from albedo.operators.divisor import basis_of, placed
 from albedo.operators.nodes import FEWEST, LEBESGUE, MOST, TRUST, cosines, places
 
 # Gaps between the nodes of a piece, but where it is narrow.
@@ -60,10 +59,10 @@ class Piece:
     @classmethod
     def among(cls, low: float, high: float, bent: int, gaps: int, y: np.ndarray) -> Piece | None:
         """A piece whose points are some of many, the ends among them; None where they do not do."""
-        x = straight(np.clip(folded(cosines(y)), low, high), low, high, bent)
         chosen = np.empty(gaps + 1 + FRESH[gaps], dtype=int)
         chosen[:2] = np.argmin(y), np.argmax(y)
-        if not _choose(x, chebyshev.chebvander(x, gaps), chosen):
+        basis = cls(low, high, bent, gaps).polynomials(y)
+        if not _choose(basis[:, 1].copy(), basis, chosen):
             return None
         found = cls(low, high, bent, gaps, y[chosen])
         return found if found.worse <= _WORSE else None
@@ -88,15 +87,13 @@ class Piece:
 
     def polynomials(self, y: np.ndarray) -> np.ndarray:
         """The polynomials of its series at some coordinates."""
-        # Cosines are rounded: near 1 they stand for another angle.
-        y = np.clip(folded(cosines(y)), self.low, self.high)
-        return chebyshev.chebvander(straight(y, self.low, self.high, self.bent), self.gaps)
+        return _polynomials(y, self.low, self.high, self.bent, self.gaps)
 
     def left_out(self, series: np.ndarray, part: Piece) -> float:
         """What the gaps of another piece leave out of a series of this one, which holds that."""
         y = replace(part, gaps=MOST, chosen=None).y[: MOST + 1]
-        x = straight(np.clip(y, self.low, self.high), self.low, self.high, self.bent)
-        value = chebyshev.chebvander(x, series.size - 1) @ series
+        y = np.clip(y, self.low, self.high)
+        value = basis_of(y, self.low, self.high, self.bent, series.size) @ series
         # Chebyshev's nodes with both ends, from the lower one on.
         own = _to_all() @ value
         return float(np.abs(own[part.gaps + 1 :]).sum())
@@ -127,6 +124,34 @@ class Piece:
     def may_have_fewer(self) -> bool:
         """Whether every second of its nodes may do."""
         return self.chosen is None and self.gaps > FEWEST
+
+
+def _polynomials(
+    y: np.ndarray,
+    low: float | np.ndarray,
+    high: float | np.ndarray,
+    bent: int | np.ndarray,
+    gaps: int,
+) -> np.ndarray:
+    # Cosines are rounded: near 1 they stand for another angle.
+    y = np.clip(folded(cosines(y)), low, high)
+    return basis_of(y, low, high, bent, gaps + 1)
+
+
+def matrices_of(pieces: list[Piece]) -> tuple[np.ndarray, np.ndarray]:
+    """`Piece.basis` and `Piece.to_series` of pieces with as many nodes and fresh points, stacked.
+
+    What no piece was asked for before is computed for all at once, and each keeps its own.
+    """
+    fresh = [piece for piece in pieces if "to_series" not in vars(piece)]
+    if fresh:
+        ends = np.array([(piece.low, piece.high, piece.bent) for piece in fresh])
+        low, high, bent = ends.T[:, :, None]
+        bases = _polynomials(np.stack([p.y for p in fresh]), low, high, bent, fresh[0].gaps)
+        inverses = np.linalg.inv(bases[:, : fresh[0].gaps + 1])
+        for piece, basis, inverse in zip(fresh, bases, inverses, strict=True):
+            vars(piece).update(basis=basis, to_series=inverse)
+    return np.stack([piece.basis for piece in pieces]), np.stack([p.to_series for p in pieces])
 
 
 def between(low: float, high: float, first: bool, last: bool) -> list[Piece]:
@@ -210,8 +235,8 @@ def _worse(x, gaps):
 @cache
 def _to_all() -> np.ndarray:
     """The matrix from values at the most nodes to coefficients."""
-    at = straight(placed(places(MOST)[: MOST + 1], 0), 0.0, 1.0, 0)
-    found: np.ndarray = np.linalg.inv(chebyshev.chebvander(at, MOST))
+    at = placed(places(MOST)[: MOST + 1], 0)
+    found: np.ndarray = np.linalg.inv(basis_of(at, 0.0, 1.0, 0, MOST + 1))
     return found
 
 
