@@ -290,9 +290,14 @@ class Ladder:
             ahead = [profiles.ahead[nearest] for profiles in self._parts]
         else:
             ahead = [np.zeros(c.size, dtype=int) for _ in self._of_model]
-        parts = [
-            self._profile(part, c, far) for part, far in zip(self._of_model, ahead, strict=True)
-        ]
+        # All parts read them, and make none.
+        for steps in range(len(self.curves) + 1):
+            self.divisor(steps)
+
+        def of_part(one: slice) -> Profiles:
+            return self._profile(self._of_model[one.start], c, ahead[one.start])
+
+        parts = in_batches(of_part, len(ahead), 1)
         if not self._parts:
             self._parts = parts
         else:
@@ -330,21 +335,32 @@ class Ladder:
 
     def _profile(self, part: Part, c: np.ndarray, levels: np.ndarray) -> Profiles:
         """Rows, each as far ahead as is known to be needed: not at all, some steps, or all."""
+        known = np.unique(levels).tolist()
+        which = [np.flatnonzero(levels == level) for level in known]
         clamped = self.control == "cumulative"
-        which, found = [], []
-        for level in np.unique(levels).tolist():
-            which.append(rows := np.flatnonzero(levels == level))
-            families = self._families_of(part, level > 1)
+        near, far = self._families_of(part, False), self._families_of(part, 2 in known)
+
+        def of_level(one: slice) -> Panels:
+            level, rows = known[one.start], which[one.start]
             if level < 2:
                 ahead = Ahead(self.curves[0], clamped=clamped) if level else None
-                found.append(families.panels(c[rows], ahead))
+                found = near.panels(c[rows], ahead)
             else:
                 ahead = Ahead(self.curves[0], _FARTHEST, clamped)
-                found.append(families.direct(c[rows], ahead, True))
-            found[-1].ahead[:] = level
-        profiles = Profiles(Panels.together(found, which), self._room.pop() if self._room else None)
+                found = far.direct(c[rows], ahead, True)
+            found.ahead[:] = level
+            return found
+
+        found = in_batches(of_level, len(known), 1)
+        profiles = Profiles(Panels.together(found, which), self._free_room())
         self._meet(profiles, c, 0)
         return profiles
+
+    def _free_room(self) -> Slices | None:
+        try:
+            return self._room.pop()
+        except IndexError:
+            return None
 
     def _families_of(self, part: Part, ahead: bool) -> Families:
         """What rows of a part are had from, as they are at first or for any steps ahead."""
