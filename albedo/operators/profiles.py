@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from albedo._compile import kernel
-from albedo._threads import side_by_side
+from albedo._threads import by_weight, side_by_side
 from albedo.charts._compiled import clustered
 from albedo.charts.heights import LOWEST, elevation_at, fold_elevation, folded, log_height
 from albedo.integrators.cells import fill_spectrum, rules_by_order
@@ -36,8 +36,8 @@ from albedo.operators.panels import (
 _DIGITS, _MORE, _LEAST = 27.6, 4.0, 8.0
 # Where nodes are clustered there are so many times more: what is smooth has twice the degree.
 _CLUSTERED = 1.5
-# Slices that are worth another thread.
-_FEW = 300
+# Slices, and numbers that are moved, that are worth another thread.
+_FEW, _MANY = 300, 20_000
 # Pairs of slices and places that are looked at at once: few slices have any, and each may have all.
 _ROOM = 1_000_000
 # Nodes are moved together when there are so many for each that is used.
@@ -149,11 +149,16 @@ class _Store:
 
     def keep(self, number: np.ndarray) -> None:
         """Give up all entries but those of these numbers, which ascend."""
-        for array in self.arrays.values():
-            if array.ndim == 1:
-                _move_up(array, number)
-            else:
-                array[: number.size] = array[number]
+        arrays = list(self.arrays.values())
+
+        def keep_in(which: slice) -> None:
+            for array in arrays[which]:
+                if array.ndim == 1:
+                    _move_up(array, number)
+                else:
+                    array[: number.size] = array[number]
+
+        by_weight(keep_in, np.full(len(arrays), number.size), _MANY)
         self.size = number.size
 
 
@@ -238,8 +243,13 @@ class Slices:
             return
         rank = np.argsort(self.first)
         first, order = self.first[rank], self.order[rank]
-        for array in self._nodes.arrays.values():
-            _close_up(array, first, order)
+        arrays = list(self._nodes.arrays.values())
+
+        def close_up(which: slice) -> None:
+            for array in arrays[which]:
+                _close_up(array, first, order)
+
+        by_weight(close_up, np.full(len(arrays), used), _MANY)
         self.first[rank] = np.cumsum(order) - order
         self._nodes.size = used
 
