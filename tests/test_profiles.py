@@ -91,7 +91,7 @@ def cut_at_the_bend(model: Model, curve: LogCurve, known: bool) -> Profiles:
     which, place, sides = profiles.kinks(curve, nowhere, curve.bends, False, least)
     profiles.cut(which, place, sides if known else np.zeros_like(sides))
     profiles.slices.log_product[:] = 0.0
-    profiles.multiply(curve, COSINES, 0, np.empty(0, int))
+    profiles.multiply([curve], COSINES, 0, np.empty(0, int))
     return profiles
 
 
@@ -173,7 +173,7 @@ def test_a_level_is_found_where_its_height_is() -> None:
     pumped = albedo.pump(albedo.model("ward", m=0.4), 1)
     (curve,) = pumped.albedos
     levels = pumped.divisor.last_levels(COSINES)
-    profiles.multiply(curve, COSINES, 0, np.empty(0, int))
+    profiles.multiply([curve], COSINES, 0, np.empty(0, int))
     profiles.sums(0, np.log(COSINES))
     found = profiles.kinks(curve, levels, pumped.divisor.last_bends, False, np.zeros(COSINES.size))
     fresh = profiles.cut(*found)
@@ -203,7 +203,7 @@ def test_slices_that_only_l_divides_are_divided_as_a_whole(model: Model, control
     for curve in albedo.pump(model, 2).albedos:
         # A curve that changes by no more than half its error is taken to rise, or to fall.
         off += 0.5 * curve.error.max()
-        profiles.multiply(curve, COSINES, control, np.empty(0, int))
+        profiles.multiply([curve], COSINES, control, np.empty(0, int))
         at_l = curve.at(folded(COSINES))[profiles.row[s.panel]]
         known += np.maximum(curve.at(s.y), at_l[nodes])
     np.testing.assert_allclose(s.log_product + s.log_scale[nodes], known, rtol=1e-14, atol=off)

@@ -404,8 +404,7 @@ class Ladder:
 
     def _multiply(self, profiles: Profiles, c: np.ndarray, done: int, without: np.ndarray) -> None:
         """Take all steps but so many into the products of all but some slices."""
-        for curve in self.curves[done:]:
-            profiles.multiply(curve, c, CONTROLS.index(self.control), without)
+        profiles.multiply(self.curves[done:], c, CONTROLS.index(self.control), without)
 
     def _renew(
         self, profiles: Profiles, fresh: np.ndarray, divisor: Divisor, c: np.ndarray

@@ -9,6 +9,7 @@ read from its spectrum.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -349,22 +350,26 @@ class Profiles:
         s.stale[which] = False
 
     def multiply(
-        self, curve: LogCurve, cos_theta: np.ndarray, control: int, without: np.ndarray
+        self, curves: Sequence[LogCurve], cos_theta: np.ndarray, control: int, without: np.ndarray
     ) -> None:
-        """Take one step more into the products of all but some slices, which are stale.
+        """Take some steps more into the products of all but some slices, which are stale.
 
         See `divisor.CONTROLS` for `control`.
         """
         s = self.slices
-        light = np.empty((2, cos_theta.size))
-        light[0] = np.log(np.maximum(cos_theta, LOWEST))
-        light[1] = curve.at(folded(cos_theta))
         others = np.ones(s.panel.size, bool)
         others[without] = False
         which = np.flatnonzero(others)
-        known = s.panel, s.order, s.first, self.row, s.y, light, control, curve.turns, *curve.pieces
+        log_light, y_l = np.log(np.maximum(cos_theta, LOWEST)), folded(cos_theta)
+        known = s.panel, s.order, s.first, self.row, s.y, control, log_light
         rest = s.log_product, s.log_scale, s.value, s.error, s.most, s.lift, s.stale
-        side_by_side(lambda part: _multiply(which[part], *known, *rest), which.size, _FEW)
+        steps = [(curve.at(y_l), curve.turns, *curve.pieces) for curve in curves]
+
+        def multiply(part: slice) -> None:
+            for step in steps:
+                _multiply(which[part], *known, *step, *rest)
+
+        side_by_side(multiply, which.size, max(_FEW // max(len(steps), 1), 1))
 
     def sent(
         self,
@@ -789,8 +794,9 @@ def _multiply(
     first,
     row,
     y,
-    light,
     control,
+    log_light,
+    own,
     turns,
     parts,
     cells,
@@ -804,12 +810,12 @@ def _multiply(
 ):
     """Add the log of what a step divides by at the nodes of some slices.
 
-    Where L has the larger albedo, it is the same for all of them.
+    Where L has the larger albedo, it is the same for all of them. `own` has that of each row.
     """
     at_v = np.empty(TERMS)
     for k in slices:
         r = row[panel[k]]
-        at_l = light[1, r]
+        at_l = own[r]
         begin, end = first[k], first[k] + order[k]
         if control != 1:
             low, high = min(y[begin], y[end - 1]), max(y[begin], y[end - 1])
@@ -829,7 +835,7 @@ def _multiply(
         for j in range(begin, end):
             step = max(at_v[j - begin], at_l)
             if control == 1:
-                step = max(step, log_height(y[j]), light[0, r])
+                step = max(step, log_height(y[j]), log_light[r])
             log_product[j] += step
 
 
