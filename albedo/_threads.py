@@ -8,9 +8,9 @@ import operator
 import os
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ContextDecorator
+from contextlib import ContextDecorator, contextmanager
 from functools import cache
 from typing import Any, TypeVar, cast
 
@@ -196,24 +196,32 @@ def _found(work: Callable[[slice], _Result], ends: list[int], most: int) -> list
     def help_() -> None:
         # It is counted already.
         _at_work.change(-1)
-        with _at_work:
+        with _at_work, _or_none(todo):
             for k in todo:
                 found[k] = work(parts[k])
 
     with _at_work:
         try:
-            # Whoever waits works as well; there may be room for more by and by.
-            for k in todo:
-                left = min(operator.length_hint(todo), most - 1 - len(others))
-                for _ in range(_at_work.reserve(left)):
-                    others.append(_pool(threads(), os.getpid()).submit(help_))
-                found[k] = work(parts[k])
+            with _or_none(todo):
+                # Whoever waits works as well; there may be room for more by and by.
+                for k in todo:
+                    left = min(operator.length_hint(todo), most - 1 - len(others))
+                    for _ in range(_at_work.reserve(left)):
+                        others.append(_pool(threads(), os.getpid()).submit(help_))
+                    found[k] = work(parts[k])
         finally:
-            # Nothing more is begun when this is interrupted.
-            for _ in todo:
-                pass
             _wait(others)
     return found
+
+
+@contextmanager
+def _or_none(todo: Iterator[int]) -> Iterator[None]:
+    """Nothing more is begun once something failed."""
+    try:
+        yield
+    finally:
+        for _ in todo:
+            pass
 
 
 def _wait(others: list[Future[None]]) -> None:

@@ -12,11 +12,21 @@ import pytest
 from numpy.polynomial import Chebyshev, Polynomial
 
 import albedo
+from albedo.brdf import Part
 from albedo.charts.heights import FIRST, LAST, LOWEST, folded, unfolded
 from albedo.errors import InputError
 from albedo.operators.divisor import CONTROLS, TERMS, LogCurve, placed
 from albedo.operators.families import Families
-from albedo.operators.ladder import _COARSE, _HIDDEN, _JOINED, _MANY, _SHARE, Ladder, ladder
+from albedo.operators.ladder import (
+    _COARSE,
+    _HIDDEN,
+    _JOINED,
+    _MANY,
+    _SHARE,
+    _WORN,
+    Ladder,
+    ladder,
+)
 from albedo.operators.nodes import LEBESGUE, TRUST, cosines
 from albedo.operators.pieces import Piece
 from albedo.operators.profiles import Profiles
@@ -747,6 +757,24 @@ def test_a_goal_that_is_missed_leaves_no_worse_bounds(monkeypatch: pytest.Monkey
     ladder.cache_clear()
 
 
+def test_pieces_that_did_before_may_leave_a_little_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fewer rows are computed for it, and bounds tell what it costs."""
+    rows, left = [], []
+    real = Ladder._profile
+
+    def counted(self: Ladder, part: Part, c: np.ndarray, *rest: Any) -> Profiles:
+        rows[-1] += c.size
+        return real(self, part, c, *rest)
+
+    monkeypatch.setattr(Ladder, "_profile", counted)
+    for fold in (1.0, _WORN):
+        monkeypatch.setattr("albedo.operators.ladder._WORN", fold)
+        rows.append(0)
+        left.append(climbed(SCALED, 14).worst(14))
+    assert rows[1] < 0.95 * rows[0]
+    assert left[0] < left[1] < _WORN * left[0]
+
+
 def test_pieces_that_did_not_do_as_one_are_tried_again_later(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -762,7 +790,7 @@ def test_pieces_that_did_not_do_as_one_are_tried_again_later(
         return found
 
     monkeypatch.setattr(Ladder, "_joined", seen)
-    climbed(SCALED, 14)
+    climbed(SCALED, 20)
     again = np.concatenate([np.diff(steps) for steps in tried.values()])
     assert again.size >= 2
     assert np.all(again >= 3)

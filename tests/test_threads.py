@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import threading
+import time
 
 import numpy as np
 import pytest
 from threadpoolctl import ThreadpoolController
 
 import albedo
-from albedo._threads import blas_in_one, by_weight, in_batches, side_by_side, threads
+from albedo._threads import _at_work, blas_in_one, by_weight, in_batches, side_by_side, threads
 from albedo.charts.heights import (
     FIRST,
     LAST,
@@ -124,6 +125,55 @@ def test_work_inside_work_does_not_wait_for_itself(monkeypatch: pytest.MonkeyPat
     waiting.start()
     waiting.join(30.0)
     assert found == [[8] * 8]
+
+
+def test_who_waits_makes_room_for_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What one thread is left with is shared as soon as the other has nothing to begin."""
+    monkeypatch.setenv("ALBEDO_THREADS", "2")
+    workers: list[set[int]] = [set(), set()]
+    busy, most = 0, 0
+    lock = threading.Lock()
+
+    def inner(_: slice) -> None:
+        nonlocal busy, most
+        with lock:
+            busy += 1
+            most = max(most, busy)
+        time.sleep(0.002)
+        with lock:
+            busy -= 1
+        workers[1].add(threading.get_ident())
+
+    def outer(part: slice) -> None:
+        workers[0].add(threading.get_ident())
+        if part.start == 1:
+            in_batches(inner, 200, 1)
+
+    in_batches(outer, 2, 1)
+    assert len(workers[1]) == 2
+    # And never more than two work at once.
+    assert most == 2
+
+
+@pytest.mark.parametrize("where", [0, 5])
+def test_what_fails_begins_nothing_more_and_leaves_all_the_room(
+    where: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ALBEDO_THREADS", "2")
+    begun: list[int] = []
+
+    def work(part: slice) -> None:
+        begun.append(part.start)
+        if part.start == where:
+            raise ZeroDivisionError
+        time.sleep(0.002)
+
+    with pytest.raises(ZeroDivisionError):
+        in_batches(work, 400, 1)
+    assert len(begun) < 400
+    assert _at_work._count == 0
+    # As many as before, and all of it.
+    assert in_batches(lambda part: part.start, 50, 1) == list(range(50))
 
 
 @pytest.mark.parametrize("chosen", ["0", "257", "two", "-1", "1.5"])

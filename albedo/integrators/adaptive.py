@@ -16,7 +16,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -221,6 +221,7 @@ def refine_alike(
         if which.size == 0:
             continue
         known, numbers = _together(*found), np.sort(np.concatenate([rows for _, rows in found]))
+        known.cells.order = _enough(known, numbers, worth, atol, weigh)
         cells, spent = _begun_alike(known.cells, which, like, panels, code, box)
         inner = of_rows(integrand, which)
         evaluate(chart, inner, geometry[which], cells)
@@ -232,6 +233,29 @@ def refine_alike(
         _go_on(*(chart, inner, begun), **(how | {"rtol": worth, "atol": atol[which]}))
         found.append((begun, which))
     return _together(*found)
+
+
+def _enough(
+    known: Refined,
+    numbers: np.ndarray,
+    rtol: float,
+    atol: np.ndarray,
+    weigh: Callable[[np.ndarray, Cells], np.ndarray] | None,
+) -> np.ndarray:
+    """Orders that would have done for cells of rows of these numbers, as their spectra fall."""
+    cells = replace(known.cells, row=np.searchsorted(numbers, known.cells.row))
+    value, _, _, count = _sums(cells, numbers.size)
+    allowed = np.maximum(atol[numbers], rtol * np.abs(value)) / (known.doubt * count)
+    # As much as cells that are refined may leave.
+    goal = 0.125 * allowed[cells.row]
+    size = np.maximum(cells.size, 1e-300)
+    share = np.clip(cells.error / size[:, None], _EPS, 0.9)
+    weight = weigh(known.geometry, cells) if weigh else 1.0
+    fall = np.log(np.clip(goal / (weight * size), 1e-300, 1.0))[:, None]
+    wanted = np.maximum(cells.order * (fall / np.log(share)) ** _GROWTH, 8.0)
+    rungs = _LADDER[np.minimum(np.searchsorted(_LADDER, wanted), _LADDER.size - 1)]
+    found: np.ndarray = np.minimum(rungs, cells.order)
+    return found
 
 
 def _leads(

@@ -81,6 +81,9 @@ _AMPLE = 0.5
 # What one piece in the place of several may leave of it: it has to do for later steps, too; and
 # after how many steps it is tried again where none did.
 _ENOUGH, _AGAIN = 0.7, 3
+# Pieces that did for the step before may leave so many times the tolerance: what is a little more
+# than that would cost as many rows as what is far more.
+_WORN = 1.5
 # Slices that err by less than this share of the worst of their row wait until those are refined.
 _WORST = 0.1
 # What albedos, or their product, may be below a cosine by and above it all the same, as a multiple
@@ -211,7 +214,7 @@ class Ladder:
     control : {None, "literal", "cumulative"}
         See `albedo.operators.divisor.CONTROLS`.
     rtol : float
-        What the curves are to be worth, relatively.
+        What the curves are to be worth, relatively, or nearly so.
     """
 
     @blas_in_one
@@ -555,6 +558,7 @@ class Ladder:
         """The curve of the present albedo; later steps divide by it."""
         self._pass_on()
         known: dict[Piece, _Fit] = {}
+        old = set(self._pieces)
         before = np.empty(0)
         while True:
             value, own = self._values()
@@ -565,7 +569,12 @@ class Ladder:
             fresh = [piece for piece in self._pieces if piece not in known]
             known |= zip(fresh, self._fits(fresh, logs, own), strict=True)
             fits = [known[piece] for piece in self._pieces]
-            poor = [k for k, fit in enumerate(fits) if fit.bound > self.rtol and not fit.stuck]
+            allowed = [_WORN if piece in old else 1.0 for piece in self._pieces]
+            poor = [
+                k
+                for k, (fit, fold) in enumerate(zip(fits, allowed, strict=True))
+                if fit.bound > fold * self.rtol and not fit.stuck
+            ]
             # The worst come first: there is room for so many.
             poor.sort(key=lambda k: -fits[k].bound)
             room = max(_MOST_PIECES - len(self._pieces), 0)
