@@ -558,7 +558,8 @@ class Ladder:
         """The curve of the present albedo; later steps divide by it."""
         self._pass_on()
         known: dict[Piece, _Fit] = {}
-        old = set(self._pieces)
+        # Under control steps give back less of what others took too much.
+        old, worn = set(self._pieces), _WORN if self.control is None else 1.0
         before = np.empty(0)
         while True:
             value, own = self._values()
@@ -569,7 +570,7 @@ class Ladder:
             fresh = [piece for piece in self._pieces if piece not in known]
             known |= zip(fresh, self._fits(fresh, logs, own), strict=True)
             fits = [known[piece] for piece in self._pieces]
-            allowed = [_WORN if piece in old else 1.0 for piece in self._pieces]
+            allowed = [worn if piece in old else 1.0 for piece in self._pieces]
             poor = [
                 k
                 for k, (fit, fold) in enumerate(zip(fits, allowed, strict=True))
