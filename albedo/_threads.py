@@ -169,6 +169,16 @@ class _AtWork:
         if self._own.depth == 0:
             self.change(-1)
 
+    @contextmanager
+    def reserved(self) -> Iterator[None]:
+        """In a thread that was counted when it was asked for."""
+        self._own.depth = 1
+        try:
+            yield
+        finally:
+            self._own.depth = 0
+            self.change(-1)
+
     def change(self, count: int) -> None:
         with self._lock:
             self._count += count
@@ -194,9 +204,7 @@ def _found(work: Callable[[slice], _Result], ends: list[int], most: int) -> list
     others: list[Future[None]] = []
 
     def help_() -> None:
-        # It is counted already.
-        _at_work.change(-1)
-        with _at_work, _or_none(todo):
+        with _at_work.reserved(), _or_none(todo):
             for k in todo:
                 found[k] = work(parts[k])
 
