@@ -31,7 +31,8 @@ CASES: list[dict[str, Any]] = [
 """Sets of parameters that matter together."""
 
 
-def whole(p: Mapping[str, Any], kind: str, width: tuple[float, float]) -> Number:
+@cache
+def whole(kind: str, width: tuple[float, float]) -> Number:
     """The integral of a distribution of one width over solid angle, in the cosine c of h."""
     m = mp.mpf(width[0])
 
@@ -108,6 +109,6 @@ def brdf(p: Mapping[str, Any], light: Any, view: Any) -> Number:
         width = (p["alpha_x"], p["alpha_y"])
         density = distribution(kind, width, h)
         if p["normalization"] == "solid_angle":
-            density /= whole(p, kind, width)
+            density /= whole(kind, width)
     cosines = light[2] + view[2] - light[2] * view[2]
     return fresnel_of(p, dot(view, h)) * density / (4 * cosines)
