@@ -414,6 +414,15 @@ def test_pump_prints_every_step_and_writes_numbers_and_pictures(tmp_path: Path) 
     assert (tmp_path / "phong.png").stat().st_size > 10_000
 
 
+def test_no_control_has_the_name_that_results_give_it(tmp_path: Path) -> None:
+    numbers = tmp_path / "steps.csv"
+    assert run("pump", "lambert", "--control", "none", "-o", str(numbers)).exit_code == 0
+    kept = numbers.read_bytes()
+    assert b"none" in kept
+    assert run("pump", "lambert", "-o", str(numbers)).exit_code == 0
+    assert numbers.read_bytes() == kept
+
+
 @pytest.mark.parametrize("rtol", ["1e-10", "1e-4", "0.01"])
 def test_pump_gives_what_is_asked_for(tmp_path: Path, rtol: str) -> None:
     numbers = tmp_path / "steps.csv"

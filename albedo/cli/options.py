@@ -139,10 +139,16 @@ ComplementOption = Annotated[
 ]
 
 
+def _none_as_said(control: str | None) -> str | None:
+    """What results call none is no control."""
+    return None if control is not None and control.lower() == "none" else control
+
+
 ControlOption = Annotated[
     str | None,
     typer.Option(
-        metavar="literal|cumulative",
+        callback=_none_as_said,
+        metavar="none|literal|cumulative",
         help="Keep what each step, or what all together divide by from falling below "
         "max(n.l, n.v).",
         show_default="none",
