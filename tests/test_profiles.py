@@ -16,7 +16,7 @@ from albedo.integrators.cells import Cells, ModelIntegrand, evaluate
 from albedo.operators.divisor import CONTROLS, LogCurve
 from albedo.operators.ladder import Ladder, rings_of
 from albedo.operators.panels import _LIMIT, Ahead, Panels, _judge_series, height_at
-from albedo.operators.profiles import Profiles, _Store
+from albedo.operators.profiles import Profiles, StepKinks, _Store
 
 COSINES = np.array([1.0, 0.7, 0.3, 1e-2, 1e-5])
 MODELS = [
@@ -88,7 +88,7 @@ def cut_at_the_bend(model: Model, curve: LogCurve, known: bool) -> Profiles:
     profiles = profiles_of(model)
     total(profiles)
     nowhere, least = np.empty((COSINES.size, 0)), np.zeros(COSINES.size)
-    which, place, sides = profiles.kinks(curve, nowhere, curve.bends, False, least)
+    which, place, sides = profiles.kinks([StepKinks(curve, nowhere, curve.bends)], False, least)
     profiles.cut(which, place, sides if known else np.zeros_like(sides))
     profiles.slices.log_product[:] = 0.0
     profiles.multiply([curve], COSINES, 0, np.empty(0, int))
@@ -175,7 +175,8 @@ def test_a_level_is_found_where_its_height_is() -> None:
     levels = pumped.divisor.last_levels(COSINES)
     profiles.multiply([curve], COSINES, 0, np.empty(0, int))
     profiles.sums(0, np.log(COSINES))
-    found = profiles.kinks(curve, levels, pumped.divisor.last_bends, False, np.zeros(COSINES.size))
+    known = [StepKinks(curve, levels, pumped.divisor.last_bends)]
+    found = profiles.kinks(known, False, np.zeros(COSINES.size))
     fresh = profiles.cut(*found)
     s = profiles.slices
     seen = 0

@@ -219,6 +219,14 @@ def _curve_all(y, parts, cells, out):
 
 
 @kernel
+def _curves_all(y, parts, cells, out):
+    """Fill what all curves hold, a line for each y."""
+    for i in range(y.size):
+        for j in range(out.shape[1]):
+            out[i, j] = curve_at(y[i], parts, cells, j)
+
+
+@kernel
 def spread(row, cell, y, share, lowest, at_l, parts, cells, matrix, own):
     """Add what is sent on from some heights in some rows to the cells of a curve that it is
     divided by.
@@ -576,11 +584,10 @@ class Divisor:
             Of all nodes: coordinate of n.v, and the result.
         """
         y_l = folded(cos_light)
-        # An empty column, because there may be no step.
-        empty = np.empty((y_l.size, 0))
-        known = np.column_stack([empty, *(curve.at(y_l) for curve in self._used)])
+        known = np.empty((y_l.size, len(self._used)))
+        _curves_all(y_l, *self._pieces, known)
         lowest = np.log(np.maximum(cos_light, LOWEST))
-        rest = lowest, np.ascontiguousarray(known), *self._pieces, self._code, out
+        rest = lowest, known, *self._pieces, self._code, out
 
         def fill(part: slice) -> None:
             _log_divisors(row[part], first[part], count[part], y, *rest)

@@ -49,7 +49,7 @@ from albedo.operators.joined import joined
 from albedo.operators.nodes import MOST, TRUST, cosines
 from albedo.operators.panels import Ahead, Panels
 from albedo.operators.pieces import FRESH, Piece, between, bound_of, matrices_of
-from albedo.operators.profiles import Profiles, Runs, Slices
+from albedo.operators.profiles import Profiles, Runs, Slices, StepKinks
 
 _EPS = np.finfo(np.float64).eps
 _ROUNDINGS = 40.0
@@ -393,14 +393,12 @@ class Ladder:
             # What hides is told by what slices are worth; at a step the one before will do.
             self._multiply(profiles, c, done, fresh)
         divisors = [self.divisor(n) for n in range(done + 1, len(self.curves) + 1)]
-        known = [(d.curves[-1], d.last_levels(c), d.last_bends) for d in divisors]
-        known = [levels for levels in known if levels[1].shape[1] or levels[2].size]
+        known = [StepKinks(d.curves[-1], d.last_levels(c), d.last_bends) for d in divisors]
+        known = [step for step in known if step.levels.shape[1] or step.bends.size]
         if known:
             value, _, _ = self._sums(profiles, c)
             least = _HIDDEN * self.rtol * value
-            controlled = self.control is not None
-            found = [profiles.kinks(*levels, controlled, least) for levels in known]
-            fresh = profiles.cut(*(np.concatenate(n) for n in zip(*found, strict=True)))
+            fresh = profiles.cut(*profiles.kinks(known, self.control is not None, least))
         if not late:
             self._multiply(profiles, c, done, fresh)
         self._renew(profiles, fresh, self._divisor(), c)

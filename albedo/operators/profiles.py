@@ -21,7 +21,7 @@ from albedo.charts._compiled import clustered
 from albedo.charts.heights import LOWEST, elevation_at, fold_elevation, folded, log_height
 from albedo.integrators.cells import fill_spectrum, rules_by_order
 from albedo.integrators.rules import LADDER, stopping_bound
-from albedo.operators.divisor import LogCurve, curve_along, curve_at, is_below
+from albedo.operators.divisor import LogCurve, curve_along, curve_at, is_below, packed
 from albedo.operators.panels import (
     OF_PANELS,
     OF_ROWS,
@@ -286,6 +286,25 @@ class Runs:
     total: np.ndarray
 
 
+@dataclass(frozen=True)
+class StepKinks:
+    """Where one step has kinks.
+
+    Attributes
+    ----------
+    curve : LogCurve
+        What it divides by.
+    levels : ndarray, shape (n, k)
+        Coordinates of heights for each row, NaN where there are fewer.
+    bends : ndarray
+        Those of all rows, ascending: the bends of the curve, or none.
+    """
+
+    curve: LogCurve
+    levels: np.ndarray
+    bends: np.ndarray
+
+
 class Profiles:
     """Rows and panels that are cut into slices, at first one for each.
 
@@ -411,12 +430,7 @@ class Profiles:
         return Runs(row[filled], piece[filled], y[filled], share[filled], lowest[filled], total)
 
     def kinks(
-        self,
-        curve: LogCurve,
-        levels: np.ndarray,
-        bends: np.ndarray,
-        controlled: bool,
-        least: np.ndarray,
+        self, known: Sequence[StepKinks], controlled: bool, least: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Slices, and places on their panels, where a kink hides more than `least` of a row.
 
@@ -428,12 +442,8 @@ class Profiles:
 
         Parameters
         ----------
-        curve : LogCurve
-            What the last step divides by.
-        levels : ndarray, shape (n, k)
-            Coordinates of heights, NaN where there are fewer.
-        bends : ndarray
-            Those of all rows, ascending.
+        known : sequence of StepKinks
+            Of the last steps.
         controlled : bool
             The heights themselves are divided by, too.
         least : ndarray, shape (n,)
@@ -441,8 +451,16 @@ class Profiles:
         s = self.slices
         slices = s.panel, s.start, s.end, s.value, s.low, s.high
         panels = self.row, self.code, self.box, self.geometry
-        pieces, spread = curve.pieces, curve.spread
-        known = levels, bends, curve.bent_sides, least, controlled, *pieces, spread
+        curves = [step.curve for step in known]
+        widths = [step.levels.shape[1] for step in known]
+        counts = [step.bends.size for step in known]
+        levels = np.concatenate([step.levels for step in known], axis=1)
+        bends = np.concatenate([step.bends for step in known])
+        sides_of = np.concatenate([step.curve.bent_sides[: step.bends.size] for step in known])
+        # More than the whole curve cannot hide.
+        reach = np.array([np.inf if controlled else curve.spread for curve in curves])
+        ends = np.cumsum([0, *widths]), np.cumsum([0, *counts])
+        rest = levels, bends, sides_of, *ends, reach, least, controlled, *packed(curves)
         most = max(levels.shape[1] + bends.size, 1)
 
         def find(part: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -452,13 +470,13 @@ class Profiles:
             found = []
             for start in range(part.start, part.stop, step):
                 own = [array[start : min(start + step, part.stop)] for array in slices]
-                count = _find_kinks(*own, *panels, *known, *out)
+                count = _find_kinks(*own, *panels, *rest, *out)
                 found.append((out[0][:count] + start, *(array[:count].copy() for array in out[1:])))
             empty = [array[:0] for array in out]
             which, place, sides = (np.concatenate(a) for a in zip(empty, *found, strict=True))
             return which, place, sides
 
-        which, place, sides = zip(*side_by_side(find, s.panel.size, _FEW), strict=True)
+        which, place, sides = zip(*side_by_side(find, s.panel.size, max(_FEW // len(known), 1)), strict=True)
         return np.concatenate(which), np.concatenate(place), np.concatenate(sides)
 
     def cut(self, which: np.ndarray, place: np.ndarray, sides: np.ndarray) -> np.ndarray:
@@ -853,54 +871,59 @@ def _find_kinks(
     geometry,
     levels,
     bends,
-    bent_sides,
+    sides_of,
+    level_ends,
+    bend_ends,
+    reach,
     least,
     controlled,
     parts,
     cells,
-    spread,
     which,
     place,
     sides,
 ):
-    """Fill slices and places of kinks that hide enough; return how many there are."""
+    """Fill slices and places of kinks that hide enough; return how many there are.
+
+    Step j has the levels, and bends, from one of `level_ends`, and `bend_ends`, to the next.
+    """
     count = 0
-    # More than the whole curve cannot hide.
-    reach = math.inf if controlled else spread
     change, y_end = np.empty(2), np.empty(2)
     for k in range(panel.size):
         i = panel[k]
         r = row[i]
-        if value[k] * reach < least[r]:
-            continue
-        own = levels.shape[1]
-        after = np.searchsorted(bends, low[k], side="right")
-        for m in range(own + bends.size - after):
-            level = levels[r, m] if m < own else bends[after + m - own]
-            if m >= own and level >= high[k]:
-                break
-            # Not where there is no level.
-            if not low[k] < level < high[k]:
+        for j in range(reach.size):
+            if value[k] * reach[j] < least[r]:
                 continue
-            y_end[0], y_end[1] = low[k], high[k]
-            here = curve_at(level, parts, cells, 0)
-            # Of the two sides of a maximum one may be constant: what changes is the other one.
-            for side_of in range(2):
-                change[side_of] = 0.0
-                for half in range(2):
-                    y = level + (0.5 + 0.5 * half) * (y_end[side_of] - level)
-                    moved = abs(curve_at(y, parts, cells, 0) - here)
-                    if controlled:
-                        moved += abs(log_height(y) - log_height(level))
-                    change[side_of] = max(change[side_of], moved)
-            if value[k] * min(change[0], change[1]) > least[r]:
-                which[count] = k
-                e_v = elevation_at(level)
-                place[count] = place_at(geometry[r], code[i, 0], code[i, 3], box[i], e_v)
-                sides[count] = bent_sides[after + m - own] if m >= own else 0
-                if height_at(geometry[r], code[i, 0], code[i, 3], box[i], start[k]) > e_v:
-                    # What is above comes before.
-                    sides[count] = (sides[count] >> 1) | ((sides[count] & 1) << 1)
-                if start[k] < place[count] < end[k]:
-                    count += 1
+            first, last = level_ends[j], level_ends[j + 1]
+            inside, stop = bend_ends[j], bend_ends[j + 1]
+            inside += np.searchsorted(bends[inside:stop], low[k], side="right")
+            for m in range(first, last + stop - inside):
+                level = levels[r, m] if m < last else bends[inside + m - last]
+                if m >= last and level >= high[k]:
+                    break
+                # Not where there is no level.
+                if not low[k] < level < high[k]:
+                    continue
+                y_end[0], y_end[1] = low[k], high[k]
+                here = curve_at(level, parts, cells, j)
+                # Of the two sides of a maximum one may be constant: what changes is the other one.
+                for side_of in range(2):
+                    change[side_of] = 0.0
+                    for half in range(2):
+                        y = level + (0.5 + 0.5 * half) * (y_end[side_of] - level)
+                        moved = abs(curve_at(y, parts, cells, j) - here)
+                        if controlled:
+                            moved += abs(log_height(y) - log_height(level))
+                        change[side_of] = max(change[side_of], moved)
+                if value[k] * min(change[0], change[1]) > least[r]:
+                    which[count] = k
+                    e_v = elevation_at(level)
+                    place[count] = place_at(geometry[r], code[i, 0], code[i, 3], box[i], e_v)
+                    sides[count] = sides_of[inside + m - last] if m >= last else 0
+                    if height_at(geometry[r], code[i, 0], code[i, 3], box[i], start[k]) > e_v:
+                        # What is above comes before.
+                        sides[count] = (sides[count] >> 1) | ((sides[count] & 1) << 1)
+                    if start[k] < place[count] < end[k]:
+                        count += 1
     return count
