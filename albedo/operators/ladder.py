@@ -65,6 +65,11 @@ _INNER, _FINEST = 0.06, 2e-13
 # pumped up. The few for which that is not enough are had as precisely as families are made of, and
 # for any number of steps.
 _COARSE, _FARTHEST = 0.15, (0.0, 4.0, 12.0, 30.0, 100.0)
+# Where the albedo after one step is not more than this, rows are had for steps ahead from the start:
+# it is looked at roughly before, to this tolerance.
+_DARK, _ROUGH = 0.05, 1e-2
+# What has no logarithm is taken for this.
+_NOTHING = 1e-300
 # Sums over rings may have this share of it; slices are not cut to less than a part of a panel,
 # to which twenty halvings lead, after a few rounds that give more nodes, nor where a row has so
 # many: what errs then is noise, of which no rule sees less.
@@ -257,6 +262,7 @@ class Ladder:
         self._apart: dict[tuple[float, float, int], int] = {}
         self._start = np.unique(np.concatenate((far, (-2.0, -1.0), near, self._heights)))
         self._pieces = [Piece.new(a, b, 0) for a, b in itertools.pairwise(self._start.tolist())]
+        self._seen = self._look()
         self._lay_out()
 
     def tidy(self) -> None:
@@ -281,6 +287,40 @@ class Ladder:
             self._divisors[steps] = Divisor(self.curves[:steps], self.control)
         return self._divisors[steps]
 
+    def _look(self) -> tuple[LogCurve, np.ndarray, np.ndarray] | None:
+        """The first albedo, roughly, and what a step makes of it at some coordinates.
+
+        None where a step leaves no row dark.
+        """
+        # Both ends of each piece and its middle.
+        y = np.sort(np.concatenate((self._start, _middles(self._start))))
+        c = cosines(y)
+        spikes = self._spikes(c)
+        mirror = np.zeros(c.size) if spikes is None else spikes[0]
+        charts = [(part, self._families_of(part, False).chart) for part in self._of_model]
+        panels = [Panels.of(self.model, *of, c, _ROUGH) for of in charts]
+        total = mirror + sum(np.bincount(some.row, some.series[:, 0], c.size) for some in panels)
+        total = np.maximum(total, _NOTHING)
+        # A step that divides by no more than the brightest leaves no less than this.
+        if total.min() > _DARK * total.max():
+            return None
+        low, middle, high = np.log(total[:-2:2]), np.log(total[1::2]), np.log(total[2::2])
+        series = np.zeros((low.size, TERMS))
+        series[:, 0], series[:, 1] = 0.25 * (low + high) + 0.5 * middle, 0.5 * (high - low)
+        series[:, 2] = 0.25 * (low + high) - 0.5 * middle
+        error, flat = np.full(low.size, _ROUGH), np.zeros(low.size, dtype=int)
+        first = LogCurve(self._start, series, error, flat)
+        later = mirror / total + sum(Ahead(first).after_one(some) for some in panels)
+        return (first, y, np.maximum(later, _NOTHING)) if np.any(later < _DARK) else None
+
+    def _dark(self, y: np.ndarray) -> np.ndarray:
+        """Where a step leaves rows dark."""
+        if self._seen is None:
+            return np.zeros(y.size, bool)
+        _, known, later = self._seen
+        found: np.ndarray = np.interp(y, known, np.log(later)) < math.log(_DARK)
+        return found
+
     def _lay_out(self) -> None:
         """Rows for the points of all pieces, with all divisors so far."""
         wanted = np.unique(np.concatenate([piece.y for piece in self._pieces]))
@@ -292,7 +332,7 @@ class Ladder:
             nearest = self._nearest(fresh)
             ahead = [profiles.ahead[nearest] for profiles in self._parts]
         else:
-            ahead = [np.zeros(c.size, dtype=int) for _ in self._of_model]
+            ahead = [self._dark(fresh).astype(int) for _ in self._of_model]
         # All parts read them, and make none.
         for steps in range(len(self.curves) + 1):
             self.divisor(steps)
@@ -346,10 +386,10 @@ class Ladder:
         def of_level(one: slice) -> Panels:
             level, rows = known[one.start], which[one.start]
             if level < 2:
-                ahead = Ahead(self.curves[0], clamped=clamped) if level else None
+                ahead = Ahead(self._known, clamped=clamped) if level else None
                 found = near.panels(c[rows], ahead)
             else:
-                ahead = Ahead(self.curves[0], _FARTHEST, clamped)
+                ahead = Ahead(self._known, _FARTHEST, clamped)
                 found = far.direct(c[rows], ahead, True)
             found.ahead[:] = level
             return found
@@ -374,6 +414,11 @@ class Ladder:
             chart = rings_of(part, levels)
             self._families[part, levels] = Families(self.model, part, chart, rtol, finest)
         return self._families[part, levels]
+
+    @property
+    def _known(self) -> LogCurve:
+        """The first albedo, as far as steps ahead know it."""
+        return self.curves[0] if self._seen is None else self._seen[0]
 
     @cached_property
     def _falls(self) -> _Heights | None:
@@ -528,14 +573,20 @@ class Ladder:
                 changed = True
         return changed
 
-    def _see_mirror(self, c: np.ndarray) -> None:
-        """Compute the energy of Dirac parts at fresh rows."""
+    def _spikes(self, c: np.ndarray) -> np.ndarray | None:
+        """The energy of Dirac parts at some cosines, and its error; None where there are none."""
         s = np.sqrt((1.0 - c) * (1.0 + c))
         wi = np.stack((s, np.zeros_like(c), c), axis=-1)
         _, weights = self.model.spikes(wi)
         if not len(weights):
+            return None
+        return np.stack((weights.sum(0), self.model.spike_errors(wi, weights).sum(0)))
+
+    def _see_mirror(self, c: np.ndarray) -> None:
+        """Compute the energy of Dirac parts at fresh rows."""
+        found = self._spikes(c)
+        if found is None:
             return
-        found = np.stack((weights.sum(0), self.model.spike_errors(wi, weights).sum(0)))
         over = self.divisor(self._over_steps).logs(c, c)
         if self._dirac is not None:
             found = np.concatenate((self._dirac, found), axis=1)

@@ -85,15 +85,28 @@ class Ahead:
             What an error of a panel is to be divided by, at least. It is what the panels hold, but
             that the darkest part of the panel may have been divided by less than the middle.
         """
-        albedo = np.empty((2, row.size))
-        at_l = self.curve.at(folded(geometry[:, 0], geometry[:, 1]))[row]
-        _larger(geometry[row], code, box, at_l, *self.curve.pieces, albedo)
+        at_l, albedo = self._larger(geometry, code, box, row)
         found = np.empty(row.size)
         order = np.lexsort((albedo[1], row))
         _share(order, row, albedo[0] - at_l, albedo[1] - at_l, held, np.array(self.steps), found)
         if self.clamped:
             _share_clamped(np.argsort(row, kind="stable"), row, geometry, code, box, held, found)
         return found
+
+    def after_one(self, panels: Panels) -> np.ndarray:
+        """What rows are worth after one step, roughly: as if panels were all in their middles."""
+        _, albedo = self._larger(panels.geometry, panels.code, panels.box, panels.row)
+        held = panels.series[:, 0] * np.exp(-albedo[1])
+        return np.bincount(panels.row, held, panels.geometry.shape[0])
+
+    def _larger(
+        self, geometry: np.ndarray, code: np.ndarray, box: np.ndarray, row: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Logarithms for panels: of L's albedo, and the larger one: the least, in the middle."""
+        albedo = np.empty((2, row.size))
+        at_l = self.curve.at(folded(geometry[:, 0], geometry[:, 1]))[row]
+        _larger(geometry[row], code, box, at_l, *self.curve.pieces, albedo)
+        return at_l, albedo
 
     def weights(self, geometry: np.ndarray, cells: Cells) -> np.ndarray:
         """How many times more errors of cells count then than at first."""
