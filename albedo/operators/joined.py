@@ -128,7 +128,10 @@ def joined(curve: LogCurve, allowed: float, marks: np.ndarray) -> LogCurve:
     edges = curve.edges[np.append(groups.first, number.size)]
     error = np.maximum.reduceat(curve.error, groups.first) + _BETWEEN * groups.off
     found = LogCurve(edges, groups.series, error, groups.bent)
-    return replace(found, bends=_bends(found, allowed, marks))
+    bent_there = replace(found, bends=_bends(found, allowed, marks))
+    # What is read of it does not depend on where it bends.
+    vars(bent_there).update(polynomials=found.polynomials, pieces=found.pieces)
+    return bent_there
 
 
 def _bends(curve: LogCurve, allowed: float, marks: np.ndarray) -> np.ndarray:

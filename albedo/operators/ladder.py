@@ -65,8 +65,8 @@ _INNER, _FINEST = 0.06, 2e-13
 # pumped up. The few for which that is not enough are had as precisely as families are made of, and
 # for any number of steps.
 _COARSE, _FARTHEST = 0.15, (0.0, 4.0, 12.0, 30.0, 100.0)
-# Where the albedo after one step is not more than this, rows are had for steps ahead from the start:
-# it is looked at roughly before, to this tolerance.
+# Where the albedo after one step is less than this, rows are had for steps ahead from the start: it
+# is looked at before, to this tolerance.
 _DARK, _ROUGH = 0.05, 1e-2
 # What has no logarithm is taken for this.
 _NOTHING = 1e-300
@@ -459,9 +459,11 @@ class Ladder:
         if fresh.size == 0:
             return
         s = profiles.slices
-        rows, row = np.unique(profiles.row[s.panel[fresh]], return_inverse=True)
-        runs = row, s.first[fresh], s.order[fresh]
-        divisor.product.at_nodes(c[rows], *runs, s.y, s.log_product)
+        row = profiles.row[s.panel[fresh]]
+        seen = np.zeros(c.size, bool)
+        seen[row] = True
+        runs = (np.cumsum(seen) - 1)[row], s.first[fresh], s.order[fresh]
+        divisor.product.at_nodes(c[seen], *runs, s.y, s.log_product)
 
     def _controlled(self, c: np.ndarray) -> tuple[int, np.ndarray]:
         """What sums know of the control: its number, and the logarithms of n.l."""

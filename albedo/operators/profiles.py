@@ -476,7 +476,8 @@ class Profiles:
             which, place, sides = (np.concatenate(a) for a in zip(empty, *found, strict=True))
             return which, place, sides
 
-        which, place, sides = zip(*side_by_side(find, s.panel.size, max(_FEW // len(known), 1)), strict=True)
+        found = side_by_side(find, s.panel.size, max(_FEW // len(known), 1))
+        which, place, sides = zip(*found, strict=True)
         return np.concatenate(which), np.concatenate(place), np.concatenate(sides)
 
     def cut(self, which: np.ndarray, place: np.ndarray, sides: np.ndarray) -> np.ndarray:
@@ -487,11 +488,12 @@ class Profiles:
         s = self.slices
         if which.size == 0:
             return np.empty(0, int)
-        hit = np.unique(which)
+        rank = np.argsort(which, kind="stable")
+        ordered = which[rank]
+        hit = ordered[np.diff(ordered, prepend=-1) > 0]
         # The first part of every slice takes its place, and the others follow.
         room = hit.size + which.size
         fresh = tuple(np.empty(room, kind) for kind in (int, float, float, int, int))
-        rank = np.argsort(which, kind="stable")
         slices = s.panel, s.start, s.end, s.bent
         count = _cut(hit, rank, which, place, sides, *slices, self.order, *fresh)
         return self._put(hit, *(array[:count] for array in fresh))
