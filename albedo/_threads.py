@@ -128,6 +128,8 @@ def by_weight(work: Callable[[slice], _Result], weight: np.ndarray, least: float
     workers = _worth(total, least)
     # Some more parts than threads: not all that weighs the same takes as long.
     parts = max(min(_SHARES * workers, int(total // least)), 1)
+    if parts == 1:
+        return [work(slice(0, sums.size))]
     inner = np.searchsorted(sums, total * np.arange(1, parts) / parts)
     return _found(work, [0, *np.unique(inner[inner > 0]).tolist(), sums.size], workers)
 

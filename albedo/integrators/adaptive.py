@@ -399,13 +399,14 @@ def _go_on(
     geometry, cells, doubt = begun.geometry, begun.cells, begun.doubt
     spent, n = begun.spent, begun.doubt.size
     active = np.ones(n, dtype=bool)
+    of, owner = _heights(cells) if weigh else (cells.row, np.arange(n))
     for _ in range(_ROUNDS):
         value, error, size, leaves = _sums(cells, n)
         target = np.maximum(atol, slack + rtol * np.abs(value))
-        row = _Rows(cells.row, np.arange(n), np.ones(cells.row.size))
+        row = _Rows(of, owner, np.ones(of.size))
         if weigh is not None:
-            row, error = _lifted(cells, size, weigh(geometry, cells))
-            size, target = size[row.owner], target[row.owner]
+            row, error = _lifted(cells, row, weigh(geometry, cells))
+            size, target = size[owner], target[owner]
         rounding = _ROUNDINGS * _EPS * size
         # Leave half of the tolerance to rounding and to the probe.
         open_ = active[row.owner] & (doubt[row.owner] * error + rounding > 0.5 * target)
@@ -426,6 +427,8 @@ def _go_on(
         if judge_series:
             judge_series(children)
         cells.replace(work.parent, children)
+        # Second halves stand at the end.
+        of = np.concatenate((of, of[work.parent[work.cut >= 0]]))
 
 
 def integrate(
@@ -560,14 +563,24 @@ class _Rows:
     weight: np.ndarray
 
 
-def _lifted(cells: Cells, size: np.ndarray, weight: np.ndarray) -> tuple[_Rows, np.ndarray]:
+def _heights(cells: Cells) -> tuple[np.ndarray, np.ndarray]:
+    """The heights from one kink to the next that each cell is part of, and the row of each."""
+    place = np.lexsort((cells.box[:, 4], cells.code[:, 0], cells.row))
+    key = np.column_stack((cells.row, cells.code[:, 0], cells.box[:, 4]))[place]
+    first = np.append(True, np.any(key[1:] != key[:-1], axis=1))
+    of = np.empty(place.size, dtype=int)
+    of[place] = np.cumsum(first) - 1
+    return of, cells.row[place[first]]
+
+
+def _lifted(cells: Cells, rows: _Rows, weight: np.ndarray) -> tuple[_Rows, np.ndarray]:
     """Heights from one kink to the next as rows of their own, whose errors count for more.
 
     Parameters
     ----------
     cells : Cells
-    size : ndarray, shape (n,)
-        Of the rows.
+    rows : _Rows
+        Those heights.
     weight : ndarray
         See `refine`.
 
@@ -577,16 +590,11 @@ def _lifted(cells: Cells, size: np.ndarray, weight: np.ndarray) -> tuple[_Rows, 
     ndarray
         Their errors, of which each may be as large as that of a row.
     """
-    place = np.lexsort((cells.box[:, 4], cells.code[:, 0], cells.row))
-    key = np.column_stack((cells.row, cells.code[:, 0], cells.box[:, 4]))[place]
-    first = np.append(True, np.any(key[1:] != key[:-1], axis=1))
-    of = np.empty(place.size, dtype=int)
-    of[place] = np.cumsum(first) - 1
-    owner = cells.row[place[first]]
     # No more nodes help against rounding, which may be all that is seen of a cell.
     error = cells.error.sum(1)
     weight = np.where(error > _ROUNDINGS * _EPS * cells.size, weight, 0.0)
-    return _Rows(of, owner, weight), np.bincount(of, weights=weight * error)
+    total = np.bincount(rows.of, weights=weight * error, minlength=rows.owner.size)
+    return replace(rows, weight=weight), total
 
 
 @dataclass

@@ -259,17 +259,26 @@ def probe_cells(
     step = max(1, _BLOCK // (nodes * nodes))
     # Opposite signs on h's tangential and normal parts move every slope the same way.
     up, down = 1.0 + _EPS, 1.0 - _EPS
+    shared = isinstance(integrand, ModelIntegrand) and integrand.shared
     for first in range(0, cells.row.size, step):
         block = slice(first, first + step)
         row = cells.row[block]
         wi, wo, h, weight = chart.nodes(
             geometry[row], cells.code[block], cells.box[block], rule.nodes, rule.nodes
         )
-        before = integrand(row, wi, wo, h)
-        wi = wi * np.array([up, down, up])[:, None]
-        wo = wo * np.array([down, up, up])[:, None, None]
-        h = h * np.array([up, up, down])[:, None, None]
-        moved = np.abs(integrand(row, wi, wo, h) - before) * np.abs(weight) @ weights
+        here = wi, wo, h
+        there = (
+            wi * np.array([up, down, up])[:, None],
+            wo * np.array([down, up, up])[:, None, None],
+            h * np.array([up, up, down])[:, None, None],
+        )
+
+        def values(which: slice, row: np.ndarray = row, places: Any = (here, there)) -> Any:
+            return [integrand(row, *place) for place in places[which]]
+
+        found = in_batches(values, 2, 1) if shared else [values(slice(None))]
+        before, after = itertools.chain(*found)
+        moved = np.abs(after - before) * np.abs(weight) @ weights
         shift += np.bincount(row, weights=moved, minlength=n)
     return shift
 
