@@ -19,6 +19,7 @@ from albedo.operators.divisor import CONTROLS, TERMS, LogCurve, placed
 from albedo.operators.families import Families
 from albedo.operators.ladder import (
     _COARSE,
+    _DARK,
     _HIDDEN,
     _JOINED,
     _MANY,
@@ -590,6 +591,25 @@ def test_what_a_mirror_leaves_at_grazing_incidence_is_had(control: str | None) -
     (ahead,) = [key for key in families._stretches if key is not None]
     asked = np.array([(s.family is not None, s.asked.size) for s in families._stretches[ahead]])
     assert asked[:, 0] @ asked[:, 1] > 0.5 * asked[:, 1].sum()
+
+
+def test_rows_that_stay_dark_are_had_for_steps_ahead_from_the_start() -> None:
+    found = Ladder(albedo.model("he_torrance"), None, 1e-6)
+    (profiles,) = found._parts
+    y, ahead = folded(found._cos), profiles.ahead.copy()
+    found.step()
+    after_one = np.exp(found.step().at(y))
+    # It was looked at roughly.
+    assert np.all(ahead[after_one < 0.5 * _DARK] == 1)
+    assert np.all(ahead[after_one > 2.0 * _DARK] == 0)
+    assert 20 < ahead.sum() < 100
+
+
+@pytest.mark.parametrize("name", ["ward", "lafortune_scaled", "lambert"])
+def test_rows_that_a_step_makes_bright_are_not(name: str) -> None:
+    """Of Ward's, most is far less than what is sent on at grazing incidence, but only at first."""
+    found = Ladder(albedo.model(name), None, 1e-6)
+    assert not any(profiles.ahead.any() for profiles in found._parts)
 
 
 @pytest.mark.parametrize("place", ["keep", "cut", "replace"])

@@ -11,9 +11,18 @@ from numpy.polynomial import chebyshev
 import albedo
 from albedo.brdf import Model
 from albedo.charts.heights import FIRST, LAST, folded
-from albedo.integrators.adaptive import Refined, _enough, refine, refine_alike
+from albedo.integrators import adaptive
+from albedo.integrators.adaptive import (
+    Refined,
+    _enough,
+    _heights,
+    _lifted,
+    _Rows,
+    refine,
+    refine_alike,
+)
 from albedo.integrators.cells import Cells, ModelIntegrand, evaluate
-from albedo.operators.divisor import CONTROLS, LogCurve
+from albedo.operators.divisor import CONTROLS, Divisor, LogCurve
 from albedo.operators.ladder import Ladder, rings_of
 from albedo.operators.panels import _LIMIT, Ahead, Panels, _judge_series, height_at
 from albedo.operators.profiles import Profiles, StepKinks, _Store
@@ -167,6 +176,21 @@ def test_places_near_others_are_one(model: Model) -> None:
     assert profiles.slices.end.max() == 1.0
 
 
+def test_kinks_of_several_steps_are_those_of_each() -> None:
+    model = albedo.model("ward", m=0.4)
+    profiles, pumped = profiles_of(model), albedo.pump(model, 3)
+    total(profiles)
+    divisors = [Divisor(list(pumped.albedos[:k]), None) for k in (1, 2, 3)]
+    known = [StepKinks(d.curves[-1], d.last_levels(COSINES), d.last_bends) for d in divisors]
+    least = np.full(COSINES.size, 1e-12)
+    together = np.stack(profiles.kinks(known, False, least))
+    alone = np.concatenate([np.stack(profiles.kinks([k], False, least)) for k in known], axis=1)
+    assert together.shape[1] > 10
+    # Slice after slice, and in each step after step.
+    rank = np.argsort(alone[0], kind="stable")
+    np.testing.assert_array_equal(together, alone[:, rank])
+
+
 def test_a_level_is_found_where_its_height_is() -> None:
     """Slices are cut at exactly the heights at which a divisor has kinks."""
     profiles = profiles_of(albedo.model("ward", m=0.4))
@@ -305,6 +329,24 @@ def test_rounding_is_not_refined_against() -> None:
         weigh=Ahead(Ladder(model, None, 1e-6).step()).weights,
     )
     assert np.all(done.spent < 0.25 * _LIMIT)
+
+
+def test_cells_stay_in_the_heights_that_they_were_cut_from(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = albedo.model("he_torrance")
+    part, seen = model.parts()[0], []
+
+    def lifted(cells: Cells, rows: _Rows, weight: np.ndarray) -> tuple[_Rows, np.ndarray]:
+        of, owner = _heights(cells)
+        np.testing.assert_array_equal(rows.of, of)
+        np.testing.assert_array_equal(rows.owner, owner)
+        seen.append(of.size)
+        return _lifted(cells, rows, weight)
+
+    ahead = Ahead(Ladder(model, None, 1e-6).step())
+    monkeypatch.setattr(adaptive, "_lifted", lifted)
+    Panels.of(model, part, rings_of(part), np.geomspace(1e-5, 1e-2, 8), 1e-12, ahead)
+    # Some were halved.
+    assert max(seen) > seen[0]
 
 
 @pytest.mark.parametrize("name", ["ward", "stam_gaussian", "cook_torrance"])
