@@ -67,7 +67,7 @@ _INNER, _FINEST = 0.06, 2e-13
 _COARSE, _FARTHEST = 0.15, (0.0, 4.0, 12.0, 30.0, 100.0)
 # Where the albedo after one step is less than this, rows are had for steps ahead from the start: it
 # is looked at before, to this tolerance.
-_DARK, _ROUGH = 0.05, 1e-2
+_DARK, _ROUGH = 0.02, 1e-2
 # What has no logarithm is taken for this.
 _NOTHING = 1e-300
 # Sums over rings may have this share of it; slices are not cut to less than a part of a panel,
