@@ -612,6 +612,14 @@ def test_rows_that_a_step_makes_bright_are_not(name: str) -> None:
     assert not any(profiles.ahead.any() for profiles in found._parts)
 
 
+def test_curves_for_less_do_where_control_keeps_the_product() -> None:
+    """Rows of He and Torrance's model that were had for steps ahead from the start left 1e-8."""
+    found = Ladder(albedo.model("he_torrance"), "cumulative", _OF_CURVES[0] * _GOAL)
+    for _ in range(20):
+        found.step()
+    assert found.worst(20) <= _LEFT * _GOAL
+
+
 @pytest.mark.parametrize("place", ["keep", "cut", "replace"])
 def test_what_was_interrupted_is_not_gone_on_with(
     place: str, monkeypatch: pytest.MonkeyPatch

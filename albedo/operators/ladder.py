@@ -262,7 +262,8 @@ class Ladder:
         self._apart: dict[tuple[float, float, int], int] = {}
         self._start = np.unique(np.concatenate((far, (-2.0, -1.0), near, self._heights)))
         self._pieces = [Piece.new(a, b, 0) for a, b in itertools.pairwise(self._start.tolist())]
-        self._seen = self._look()
+        # Where control keeps the product, what a rough curve leaves unknown of rows is in the way.
+        self._seen = None if control == "cumulative" else self._look()
         self._lay_out()
 
     def tidy(self) -> None:
