@@ -85,7 +85,7 @@ class Ahead:
             What an error of a panel is to be divided by, at least. It is what the panels hold, but
             that the darkest part of the panel may have been divided by less than the middle.
         """
-        at_l, albedo = self._larger(geometry, code, box, row)
+        at_l, albedo = self._albedos(geometry, code, box, row)
         found = np.empty(row.size)
         order = np.lexsort((albedo[1], row))
         _share(order, row, albedo[0] - at_l, albedo[1] - at_l, held, np.array(self.steps), found)
@@ -95,11 +95,11 @@ class Ahead:
 
     def after_one(self, panels: Panels) -> np.ndarray:
         """What rows are worth after one step, roughly: as if panels were all in their middles."""
-        _, albedo = self._larger(panels.geometry, panels.code, panels.box, panels.row)
+        _, albedo = self._albedos(panels.geometry, panels.code, panels.box, panels.row)
         held = panels.series[:, 0] * np.exp(-albedo[1])
         return np.bincount(panels.row, held, panels.geometry.shape[0])
 
-    def _larger(
+    def _albedos(
         self, geometry: np.ndarray, code: np.ndarray, box: np.ndarray, row: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Logarithms for panels: of L's albedo, and the larger one: the least, in the middle."""
