@@ -10,7 +10,7 @@ from cases import anywhere
 
 import albedo
 from albedo.brdf import Model, Part
-from albedo.charts.rings import RingsChart, _expm1_all
+from albedo.charts.rings import RingsChart, elevation, elevations, expm1_all
 from albedo.directions import spherical
 from albedo.grammar import parse
 from albedo.integrators.adaptive import Result, integrate
@@ -319,6 +319,27 @@ def test_exponentials_of_many_are_those_of_one() -> None:
     for top in (1e-12, 0.25, 0.26, 4.0, 45.0):
         t = np.concatenate(([0.0, 1e-300], np.geomspace(1e-20, 1.0, 50) * top))
         found = np.empty(t.size)
-        _expm1_all(t, found)
+        expm1_all(t, found)
         known = np.expm1(t)
         assert np.all(np.abs(found - known) <= (1.0 + top) * 2.0 * EPS * known)
+
+
+@pytest.mark.parametrize("name", ["phong:n=1e6", "cook_torrance:m=0.1", "he_torrance"])
+def test_elevations_of_many_are_those_of_one(name: str) -> None:
+    """Both round the distance from the axis, as a share of it, and then the elevation."""
+    (part,) = next(parse(name).models()).parts()
+    n = COSINES.size
+    widths = np.tile(part.widths, (n, 1))
+    geometry, row, code, box = rings_of(part).panels(COSINES, np.zeros(n), widths, True)
+    sides = set()
+    for g, side, (first, last) in zip(geometry[row], code[:, 0], box[:, 4:], strict=True):
+        sides.add(int(side))
+        s = first + (last - first) * np.linspace(0.0, 1.0, 20)
+        found = np.empty(s.size)
+        elevations(g, side, s, found)
+        known = np.array([elevation(g, side, x)[:2] for x in s.tolist()])
+        distance = np.abs(known[:, 0] if side == 1 else known[:, 1])
+        # As many doublings as s takes, each with a rounding or two of exp(s).
+        off = (8.0 + 4.0 * s) * EPS * distance + EPS * np.abs(known[:, 0])
+        assert np.all(np.abs(found - known[:, 0]) <= off)
+    assert sides == {0, 1, 2}

@@ -18,6 +18,7 @@ from albedo.charts.heights import (
     elevation_at,
     fold,
     fold_elevation,
+    fold_elevations,
     folded,
     log_height,
     unfolded,
@@ -195,4 +196,9 @@ def test_heights_of_elevations_are_those_of_cosines() -> None:
     np.testing.assert_allclose(
         [log_height(x) for x in line], np.log(unfolded(line)), rtol=1e-14, atol=1e-15
     )
+    many = np.empty(e.size + 1)
+    fold_elevations(np.append(0.0, e), many)
+    # Logarithms are rounded, and one of them is that of a sine that is.
+    np.testing.assert_allclose(many[1:], y, rtol=2.0**-51, atol=2.0**-53)
+    assert many[0] == fold_elevation(0.0) == pytest.approx(FIRST, rel=2.0**-52)
     assert log_height(folded(np.array([LOWEST]))[0]) == pytest.approx(np.log(LOWEST), rel=1e-15)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from albedo._compile import kernel
+from albedo._compile import inlined, kernel
 from albedo.charts._compiled import Kernel
 from albedo.charts.cosine import CosineChart
 
@@ -22,6 +22,14 @@ LOWEST = 2.0**-64
 
 FIRST, LAST = math.log(2.0 * LOWEST), math.pi / 3.0
 _LOG_2 = math.log(2.0)
+# ln(x/sin x) is a series in x^2, of which these terms leave out 3e-17 up to pi/6.
+_OF_SINE = np.array(
+    (
+        *(1.0 / 6.0, 1.0 / 180.0, 1.0 / 2835.0, 1.0 / 37800.0, 1.0 / 467775.0),
+        *(691.0 / 3831077250.0, 2.0 / 127702575.0, 3617.0 / 2605132530000.0),
+        43867.0 / 350813659321125.0,
+    )
+)
 
 
 @kernel
@@ -46,6 +54,21 @@ def fold_elevation(e):
     if e <= math.pi / 6.0:
         return math.log(2.0 * max(math.sin(e), LOWEST))
     return LAST - (0.5 * math.pi - e)
+
+
+@inlined
+def fold_elevations(e, y):
+    """Fill the coordinates of many elevations, see `fold_elevation`."""
+    for i in range(e.size):
+        square, total = e[i] * e[i], 0.0
+        for k in range(_OF_SINE.size - 1, -1, -1):
+            total = (total + _OF_SINE[k]) * square
+        y[i] = total
+    for i in range(e.size):
+        if e[i] <= math.pi / 6.0:
+            y[i] = math.log(2.0 * max(e[i], LOWEST)) - y[i]
+        else:
+            y[i] = LAST - (0.5 * math.pi - e[i])
 
 
 @kernel

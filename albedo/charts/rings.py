@@ -181,6 +181,31 @@ class RingsChart(CompiledChart):
         return _nodes, np.array(self._structure, dtype=np.float64)
 
 
+@inlined
+def expm1_all(t, grown):
+    """Fill exp(t) - 1 for t >= 0, many at once: a call of the library takes ten times as long.
+
+    Taylor's series of t/2^m <= 1/4, and (1 + x)^2 - 1 = x (2 + x), m times. The error is that of t
+    moved by some ulps.
+    """
+    most = 0.0
+    for i in range(t.size):
+        most = max(most, t[i])
+    part, halvings = 1.0, 0
+    while most * part > 0.25:
+        part *= 0.5
+        halvings += 1
+    for i in range(t.size):
+        x = part * t[i]
+        total = x * (1.0 / 12.0) + 1.0
+        for k in range(11, 1, -1):
+            total = total * (x * (1.0 / k)) + 1.0
+        grown[i] = x * total
+    for _ in range(halvings):
+        for i in range(t.size):
+            grown[i] *= 2.0 + grown[i]
+
+
 @kernel
 def elevation(g, side, s):
     """Elevation of V, how far it stands below the axis, and the slope of the elevation.
@@ -199,6 +224,21 @@ def elevation(g, side, s):
     if side == 0:
         return e_a - d, d, slope
     return e_a + d, -d, slope
+
+
+@inlined
+def elevations(g, side, s, out):
+    """Fill the elevations of V at many places, see `elevation`; these are not below 0."""
+    expm1_all(s, out)
+    for i in range(s.size):
+        out[i] = 0.5 * (out[i] + out[i] / (1.0 + out[i]))
+    if side == 1:
+        for i in range(s.size):
+            out[i] *= g[7] * out[i]
+    else:
+        scale = -g[10] if side == 0 else g[10]
+        for i in range(s.size):
+            out[i] = g[4] + scale * out[i]
 
 
 @kernel
@@ -518,31 +558,6 @@ def _rings(
     return count
 
 
-@inlined
-def _expm1_all(t, grown):
-    """Fill exp(t) - 1 for t >= 0, many at once: a call of the library takes ten times as long.
-
-    Taylor's series of t/2^m <= 1/4, and (1 + x)^2 - 1 = x (2 + x), m times. The error is that of t
-    moved by some ulps.
-    """
-    most = 0.0
-    for i in range(t.size):
-        most = max(most, t[i])
-    part, halvings = 1.0, 0
-    while most * part > 0.25:
-        part *= 0.5
-        halvings += 1
-    for i in range(t.size):
-        x = part * t[i]
-        total = x * (1.0 / 12.0) + 1.0
-        for k in range(11, 1, -1):
-            total = total * (x * (1.0 / k)) + 1.0
-        grown[i] = x * total
-    for _ in range(halvings):
-        for i in range(t.size):
-            grown[i] *= 2.0 + grown[i]
-
-
 @kernel
 def _nodes(geometry, code, box, u, v, numbers, wi, wo, h, weight):
     """Directions, sums and Jacobians; one row per panel."""
@@ -583,7 +598,7 @@ def _nodes(geometry, code, box, u, v, numbers, wi, wo, h, weight):
             row = iu * v.size
             for iv in range(v.size):
                 t[iv] = start[iv] + size[iv] * y
-            _expm1_all(t, grown)
+            expm1_all(t, grown)
             for iv in range(v.size):
                 # sinh and cosh of one exponential.
                 shrunk = grown[iv] / (1.0 + grown[iv])

@@ -17,8 +17,8 @@ from albedo._compile import inlined, kernel
 from albedo._threads import in_batches
 from albedo.brdf import Model, Part
 from albedo.charts._compiled import clustered
-from albedo.charts.heights import LOWEST, fold_elevation, folded
-from albedo.charts.rings import RingsChart, elevation, stretched
+from albedo.charts.heights import LOWEST, fold_elevation, fold_elevations, folded
+from albedo.charts.rings import RingsChart, elevation, elevations, stretched
 from albedo.integrators.adaptive import refine_alike
 from albedo.integrators.cells import Cells, ModelIntegrand, probe_cells
 from albedo.integrators.rules import LADDER, gauss
@@ -337,6 +337,18 @@ def height_at(g, side, power, box, t):
     """Elevation of V at a place of a panel."""
     x, _ = clustered(box[2] + (box[3] - box[2]) * t, power)
     return elevation(g, side, box[4] + (box[5] - box[4]) * x)[0]
+
+
+@inlined
+def fill_heights(g, side, power, box, t, s, y):
+    """Fill the coordinates of V at many places of a panel; there is room for as many numbers."""
+    for i in range(t.size):
+        x, _ = clustered(box[2] + (box[3] - box[2]) * t[i], power)
+        s[i] = box[4] + (box[5] - box[4]) * x
+    elevations(g, side, s, y)
+    for i in range(t.size):
+        s[i] = y[i]
+    fold_elevations(s, y)
 
 
 @kernel

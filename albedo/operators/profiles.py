@@ -18,7 +18,7 @@ import numpy as np
 from albedo._compile import kernel
 from albedo._threads import by_weight, side_by_side
 from albedo.charts._compiled import clustered
-from albedo.charts.heights import LOWEST, elevation_at, fold_elevation, folded, log_height
+from albedo.charts.heights import LOWEST, elevation_at, folded, log_height
 from albedo.integrators.cells import fill_spectrum, rules_by_order
 from albedo.integrators.rules import LADDER, stopping_bound
 from albedo.operators.divisor import LogCurve, curve_along, curve_at, is_below, packed
@@ -27,10 +27,12 @@ from albedo.operators.panels import (
     OF_ROWS,
     TERMS,
     Panels,
+    fill_heights,
     fill_legendre,
     height_at,
     place_at,
 )
+from albedo.special import exp
 
 # A panel has nodes for this many e-folds of its error; a part of one has a few more than that
 # takes, for what it is divided by, and this many at least.
@@ -43,6 +45,8 @@ _FEW, _MANY = 300, 20_000
 _ROOM = 1_000_000
 # Nodes are moved together when there are so many for each that is used.
 _HOLES = 2
+# What is divided by e to less than minus this has no factor among the numbers that `exp` gives.
+_FULL = 700.0
 # Kinks that are closer than this, as a share of a panel, are one.
 _SAME = 1e-10
 
@@ -659,22 +663,24 @@ def _lay_out(
     """Fill the nodes of slices, integrals around rings by Clenshaw's sum and heights, and ends."""
     u, last, before = np.empty(TERMS), np.empty(TERMS), np.empty(TERMS)
     held = np.empty(TERMS)
+    place, room, height = np.empty(TERMS + 2), np.empty(TERMS + 2), np.empty(TERMS + 2)
     for k in fresh:
-        i, q = panel[k], order[k]
+        i, q, begin = panel[k], order[k], first[k]
         g, side, power = geometry[row[i]], code[i, 0], code[i, 3]
         size = end[k] - start[k]
         for j in range(q):
             x, slope = clustered(nodes[q, j], bent[k])
-            t = start[k] + size * x
-            density[first[k] + j] = size * slope
-            y[first[k] + j] = fold_elevation(height_at(g, side, power, box[i], t))
-            u[j] = 2.0 * t - 1.0
+            place[j] = start[k] + size * x
+            density[begin + j] = size * slope
+            u[j] = 2.0 * place[j] - 1.0
+        place[q], place[q + 1] = start[k], end[k]
+        whole = q + 2
+        fill_heights(g, side, power, box[i], place[:whole], room[:whole], height[:whole])
         fill_legendre(series[i], length[i], u[:q], last, before, held)
         for j in range(q):
-            density[first[k] + j] *= held[j]
-        y_0 = fold_elevation(height_at(g, side, power, box[i], start[k]))
-        y_1 = fold_elevation(height_at(g, side, power, box[i], end[k]))
-        low[k], high[k] = min(y_0, y_1), max(y_0, y_1)
+            y[begin + j] = height[j]
+            density[begin + j] *= held[j]
+        low[k], high[k] = min(height[q], height[q + 1]), max(height[q], height[q + 1])
 
 
 @kernel
@@ -702,19 +708,33 @@ def _sums(
     lift,
 ):
     """Fill what some slices are worth."""
-    spectrum, along = np.empty(32), np.empty(32)
+    spectrum, along, scale = np.empty(TERMS), np.empty(TERMS), np.empty(TERMS)
     for k in slices:
-        q, size = order[k], end[k] - start[k]
-        most[k] = lift[k] = 0.0
+        q, begin, shift, size = order[k], first[k], log_scale[k], end[k] - start[k]
         for j in range(q):
-            product = log_product[first[k] + j] + log_scale[k]
-            if clamped:
-                product = max(product, log_height(y[first[k] + j]), log_light[row[panel[k]]])
-            scale = math.exp(-product)
-            along[j] = density[first[k] + j] * scale
-            most[k] = max(most[k], scale)
+            scale[j] = log_product[begin + j] + shift
+        if clamped:
+            l_l = log_light[row[panel[k]]]
+            for j in range(q):
+                scale[j] = max(scale[j], log_height(y[begin + j]), l_l)
+        # Loops without a branch or a call run side by side.
+        least = math.inf
+        for j in range(q):
+            least = min(least, scale[j])
+        if least > -_FULL:
+            for j in range(q):
+                scale[j] = exp(-scale[j])
+        else:
+            for j in range(q):
+                scale[j] = math.exp(-scale[j])
+        largest = mean = 0.0
+        for j in range(q):
+            along[j] = density[begin + j] * scale[j]
+            largest = max(largest, scale[j])
+        for j in range(q):
             _, slope = clustered(nodes[q, j], bent[k])
-            lift[k] += size * slope * weights[q, j] * scale
+            mean += slope * weights[q, j] * scale[j]
+        most[k], lift[k] = largest, size * mean
         matrix = matrices[q, : q * q].reshape(q, q)
         hidden = fill_spectrum(along[:q], weights[q, :q], matrix, spectrum)
         error[k] = max(stopping_bound(spectrum[:q]), hidden)
