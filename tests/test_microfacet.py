@@ -417,6 +417,29 @@ def test_series_side_by_side_are_those_one_by_one(rng: np.random.Generator) -> N
                 assert found[k] == pytest.approx(one, rel=slack, abs=1e-290)
 
 
+def test_he_torrance_is_the_same_in_any_order_of_nodes(rng: np.random.Generator) -> None:
+    """Where heights come again what depends on them is read again."""
+    (part,) = albedo.model("he_torrance").parts()
+    p = np.array([albedo.model("he_torrance").pack()])
+    wi = spherical(np.array([0.3])).T
+    heights, phi = np.array([0.9, 0.2, 0.05, 1e-6, -0.1]), np.linspace(0.1, 3.0, 7)
+    rings = spherical(np.tile(heights, phi.size), np.repeat(phi, heights.size))
+
+    def values(order: np.ndarray) -> np.ndarray:
+        wo = rings[order].T[:, None, :].copy()
+        out = np.empty((1, order.size))
+        part.fill(wi, wo, wi[:, :, None] + wo, p, out)
+        return out[0]
+
+    every = np.arange(phi.size * heights.size)
+    once = values(every)
+    assert np.count_nonzero(once) == 4 * phi.size
+    # The last one begins as rings do, and goes on otherwise.
+    for order in (rng.permutation(every), every[::-1], np.append(every[:30], [3, 3, 31])):
+        # Azimuths round the sine of V, and with it g, of which there are powers up to thirty.
+        np.testing.assert_allclose(values(order), once[order], rtol=64.0 * EPS, atol=0.0)
+
+
 def solved(ratio: float, tangents: tuple[float, float]) -> tuple[Any, Any, Any]:
     """S1 and K of a direction, and the roughness that both see, found by bisection."""
 

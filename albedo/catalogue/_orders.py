@@ -11,8 +11,8 @@ SIDE = 32
 """Series that are summed side by side."""
 ALONE = 8
 """Fewer series are summed faster one by one, with terms side by side."""
-# Up to here they are, and this many terms before they are looked at.
-_FEW, _AT_ONCE = 40.0, 2
+# Up to here they are.
+_FEW = 40.0
 
 
 @kernel
@@ -157,13 +157,19 @@ def _few_terms(g, c, weight, term, total):
         total[i] = weight[i] * exp(-c[i])
     m, left = 1.0, True
     while left:
-        for _ in range(_AT_ONCE):
-            m += 1.0
-            inverse = 1.0 / m
-            for i in range(g.size):
-                weight[i] *= g[i] * inverse
-                term[i] = weight[i] * (inverse * exp(-c[i] * inverse))
-                total[i] += term[i]
+        # Four terms share the constants of their exponentials, and what is loaded.
+        a_1, a_2, a_3, a_4 = 1.0 / (m + 1.0), 1.0 / (m + 2.0), 1.0 / (m + 3.0), 1.0 / (m + 4.0)
+        m += 4.0
+        for i in range(g.size):
+            w_1 = weight[i] * (g[i] * a_1)
+            w_2 = w_1 * (g[i] * a_2)
+            w_3 = w_2 * (g[i] * a_3)
+            weight[i] = w_3 * (g[i] * a_4)
+            term[i] = weight[i] * (a_4 * exp(-c[i] * a_4))
+            some = total[i] + w_1 * (a_1 * exp(-c[i] * a_1))
+            some += w_2 * (a_2 * exp(-c[i] * a_2))
+            some += w_3 * (a_3 * exp(-c[i] * a_3))
+            total[i] = some + term[i]
         # Terms rise and then fall, ever faster: one that hardly counts is beyond the largest.
         most = 0.0
         for i in range(g.size):

@@ -94,6 +94,18 @@ def roughness2(k_sum):
 
 
 @kernel
+def _period(heights):
+    """After how many places heights come again, as those of nodes that go around rings do."""
+    period = 1
+    while period < heights.size and heights[period] != heights[0]:
+        period += 1
+    other = 0
+    for i in range(period, heights.size):
+        other += heights[i] != heights[i - period]
+    return period if other == 0 else heights.size
+
+
+@kernel
 def fill(wi, wo, h, p, out):
     """f_dd = F(v.h) G S D / (pi n.l n.v), G = (2 v.h / n.h)^2."""
     count = out.shape[1]
@@ -112,21 +124,19 @@ def fill(wi, wo, h, p, out):
         sin_l = math.hypot(wi[0, j], wi[1, j])
         k_l = roughness_slope(ratio, lz, sin_l)
         root_l = math.sqrt(shadowed(ratio, lz, sin_l)) if lz > 0.0 else 0.0
-        # Nodes that go around rings have heights that come again after so many.
-        period = 0
-        for i in range(count):
+        period = _period(wo[2, j])
+        for i in range(min(period, count)):
             vz = wo[2, j, i]
-            if period == 0 and i > 0 and vz == wo[2, j, 0]:
-                period = i
             if min(lz, vz) <= 0.0:
                 rest[i] = roughness[i] = 0.0
-            elif period > 0 and vz == wo[2, j, i - period]:
-                rest[i], roughness[i] = rest[i - period], roughness[i - period]
             else:
                 sin_v = math.hypot(wo[0, j, i], wo[1, j, i])
                 rough = k2s2 * roughness2(k_l + roughness_slope(ratio, vz, sin_v))
                 rest[i] = math.sqrt(shadowed(ratio, vz, sin_v)) * math.sqrt(rough * scale / math.pi)
                 roughness[i] = rough
+        for first in range(period, count, period):
+            for i in range(min(period, count - first)):
+                rest[first + i], roughness[first + i] = rest[i], roughness[i]
         for i in range(count):
             hx, hy, hz = h[0, j, i], h[1, j, i], h[2, j, i]
             # G D has the series over h_z^2, and h_z^2 in its g.
