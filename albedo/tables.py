@@ -93,15 +93,40 @@ def table(
     if threads == 1:
         found = [work(piece) for piece in plan.pieces]
     else:
-        with ThreadPoolExecutor(threads) as pool:
-            try:
-                found = list(pool.map(work, plan.pieces))
-            except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
-                raise
+        found = _worked_off(work, plan.pieces, threads)
     joined = plan.join(found)
     warn_unconverged(joined, rtol, atol)
     return plan.dataset(joined)
+
+
+def _worked_off(
+    work: Callable[[np.ndarray], Estimate], pieces: Sequence[np.ndarray], threads: int
+) -> list[Estimate]:
+    """What some work finds on pieces, in their order.
+
+    Every thread takes the next one that is left: an interrupt that meets an executor just as it is
+    handed work leaves one of its locks open, so it is handed little.
+    """
+    found: dict[int, Estimate] = {}
+    left = iter(range(len(pieces)))
+
+    def take() -> None:
+        try:
+            for k in left:
+                found[k] = work(pieces[k])
+        finally:
+            # Nothing more is begun once something failed.
+            for _ in left:
+                pass
+
+    with ThreadPoolExecutor(threads) as pool:
+        try:
+            for job in [pool.submit(take) for _ in range(threads)]:
+                job.result()
+        finally:
+            for _ in left:
+                pass
+    return [found[k] for k in range(len(pieces))]
 
 
 @dataclass(frozen=True)

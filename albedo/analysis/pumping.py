@@ -277,6 +277,11 @@ class Top:
         """Angle of incidence in degrees."""
         return math.degrees(math.acos(min(self.cos_theta, 1.0)))
 
+    @property
+    def nearby(self) -> float:
+        """The cosine to four digits: roundings move the place of a maximum in the eighth."""
+        return float(f"{self.cos_theta:.4g}")
+
 
 def top_of(function: Callable[[float], tuple[float, float]], cosines: np.ndarray) -> Top:
     """The largest value of a function of the incidence between the first cosine and the last.
@@ -359,7 +364,7 @@ class Peaks:
         """One row for every step and every other incidence, and those of the largest of all."""
         import pandas as pd
 
-        tops = [top.cos_theta for top in self.tops.values()]
+        tops = [top.nearby for top in self.tops.values()]
         told = np.isin(self.cosines, tops)
         told[::2] = told[-1] = True
         rows = []
@@ -404,7 +409,7 @@ def find_peaks(
 ) -> Peaks:
     """Seek the largest output radiance after the steps that `sparse` names, at some incidences.
 
-    Those at which it is largest of all, for one of the steps, are added to them.
+    Those next to which it is largest of all, for one of the steps, are added to them.
     """
     base = data.stages[0].base
     unit = peak(base, 1.0)
@@ -427,7 +432,7 @@ def find_peaks(
         if advance is not None:
             advance(k, data.steps + 1, f"largest radiance after step {k}")
         tops[k], gains[k] = (top_of(partial(what, k), cosines) for what in (bright, gained))
-    every = np.unique(np.append(cosines, [top.cos_theta for top in tops.values()]))[::-1]
+    every = np.unique(np.append(cosines, [top.nearby for top in tops.values()]))[::-1]
     found = {k: [at(k, float(c)) for c in every] for k in steps}
     return Peaks(every, found, unit, tops, gains)
 
