@@ -128,7 +128,7 @@ def test_what_moved_is_zero_where_nothing_moved(rng: np.random.Generator) -> Non
 
     def moved(k: int, other: int) -> float:
         cut = int(work.cut[k])
-        return adaptive._distance(k, other, cut, children.moments, cells.moments[k])
+        return adaptive._distance(k, other, cut, False, children.moments, cells.moments[k])
 
     # Sums of 64 terms of size one, and a matrix of four.
     assert max(moved(0, -1), moved(1, 3), moved(2, 4)) <= 1e-13
@@ -147,7 +147,7 @@ def test_a_bound_that_was_passed_raises_the_doubt() -> None:
     children.value[:], children.size[:] = 1.0 + 2e-8, 1.0
     children.moments[:, :, 0] = 2e-8
     doubt = np.ones(1)
-    adaptive._audit(cells, children, work, doubt)
+    adaptive._audit(cells, children, work, doubt, np.zeros(1, dtype=bool))
     # The value moved ten times farther than the 2e-9 that both directions allowed.
     assert doubt[0] == pytest.approx(10.0, rel=1e-3)
     # A geometric fall makes 4e-16 of 2e-8 when the order doubles: eight times of that is the least.

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from albedo.integrators.rules import LADDER, bounds_of, gauss
+from albedo.integrators.rules import LADDER, RUNGS, bounds_around, bounds_of, gauss, midpoint
 
 COUNT = 400
 
@@ -108,3 +108,90 @@ def test_a_wrong_weight_shows_in_the_spectrum() -> None:
 
 def test_values_that_are_not_finite_have_no_bound() -> None:
     assert np.isinf(spectrum_bound(np.full((1, 12), np.inf)))[0, 0]
+
+
+@pytest.mark.parametrize("p", RUNGS)
+def test_rules_around_rings_integrate_cosines_exactly(p: int) -> None:
+    rule = midpoint(p)
+    for k in range(2 * p):
+        # Sums of p terms of size one or less, each of an angle of up to 2 pi p.
+        assert abs(np.sum(rule.weights * np.cos(np.pi * k * rule.nodes)) - (k == 0)) <= 1e-14 * p
+    # The first alias, with its sign.
+    alias = np.sum(rule.weights * np.cos(2.0 * np.pi * p * rule.nodes))
+    assert alias == pytest.approx(-1.0, abs=1e-14 * p)
+
+
+@pytest.mark.parametrize("p", RUNGS)
+def test_coefficients_are_those_of_the_cosine_series(p: int) -> None:
+    rule = midpoint(p)
+    for k in range(p):
+        values = np.cos(np.pi * k * rule.nodes)
+        # p terms of size up to 2/p, each of an angle of up to pi p.
+        np.testing.assert_allclose(values @ rule.to_coefficients, np.eye(p)[k], atol=1e-14 * p)
+
+
+def _around() -> dict[str, Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]]:
+    """What rings hold, of a width w and a place, as functions of half the angle around."""
+    return {
+        "pole": lambda t, w, place: 1.0 / (w * w + np.sin(t - place) ** 2),
+        "double pole": lambda t, w, place: (w * w + np.sin(t - place) ** 2) ** -2.0,
+        "branch": lambda t, w, place: (w * w + np.sin(t - place) ** 2) ** -0.5,
+        "bell": lambda t, w, place: np.exp(-((np.sin(t - place) / w) ** 2)),
+        "bell on a pole": lambda t, w, place: (
+            10.0 * np.exp(-3.0 * np.sin(t) ** 2) + 1.0 / (1.0 + (np.sin(t - place) / w) ** 2)
+        ),
+    }
+
+
+def _passed(p: int, width: np.ndarray, place: np.ndarray) -> dict[str, np.ndarray]:
+    """Which errors pass the bounds to stop on and to report, shape (COUNT, 2), of all families."""
+    rule, fine, room = midpoint(p), midpoint(4096), np.empty(p)
+    passed = {}
+    for name, f in _around().items():
+
+        def values(x: np.ndarray, f: Callable[..., np.ndarray] = f) -> np.ndarray:
+            t = 0.5 * np.pi * x[None, :]
+            return f(t, width[:, None], place[:, None]) + f(t, width[:, None], -place[:, None])
+
+        coefficients = values(rule.nodes) @ rule.to_coefficients
+        error = np.abs(coefficients[:, 0] - values(fine.nodes) @ fine.weights)
+        # The reference adds up some thousand values.
+        floor = 2e-14 * np.abs(coefficients[:, 0])
+        bound = np.array([bounds_around(row, room) for row in coefficients])
+        passed[name] = error[:, None] > bound + floor[:, None]
+    return passed
+
+
+@pytest.mark.parametrize("p", [p for p in RUNGS if p >= 6])
+def test_the_bound_covers_the_error_around_rings(p: int, rng: np.random.Generator) -> None:
+    """Peaks at either end, of two thirds of a step or more: narrower ones may not be seen."""
+    place = rng.choice([0.0, 0.5 * np.pi], COUNT)
+    for name, passed in _passed(p, np.geomspace(0.67 / p, 3.0, COUNT), place).items():
+        assert not passed[:, 0].any(), (name, "to stop on")
+        assert passed[:, 1].mean() <= 0.02, (name, "to report")
+
+
+@pytest.mark.parametrize("p", [p for p in RUNGS if p >= 8])
+def test_the_bound_covers_most_errors_of_peaks_anywhere(p: int, rng: np.random.Generator) -> None:
+    """Charts promise that there are none; two steps wide, some pass in 1 of 4,000."""
+    place = rng.uniform(0.0, 0.5 * np.pi, COUNT)
+    for name, passed in _passed(p, np.geomspace(2.0 / p, 3.0, COUNT), place).items():
+        assert passed[:, 0].mean() <= 0.005, name
+
+
+def test_last_coefficients_around_rings_are_not_believed() -> None:
+    """About a node between two, cosine series seem to fall to nothing at their last coefficient."""
+    rule, w = midpoint(64), 0.01
+    values = 1.0 / (w * w + np.sin(0.5 * np.pi * rule.nodes) ** 2)
+    found = values @ rule.to_coefficients
+    # The mean over the ring in closed form.
+    error = abs(found[0] - 1.0 / (w * np.sqrt(1.0 + w * w)))
+    assert error > 0.1 * found[0]
+    assert bounds_around(found, np.empty(64))[0] > error > bounds_of(found)[0]
+
+
+def test_series_of_nothing_around_rings_have_no_error() -> None:
+    for p in (6, 20, 64):
+        constant = np.eye(p)[0]
+        assert bounds_around(constant, np.empty(p)) == (0.0, 0.0)
+        assert np.isinf(bounds_around(np.full(p, np.inf), np.empty(p))[0])

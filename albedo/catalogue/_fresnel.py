@@ -13,6 +13,8 @@ from albedo.fresnel import CODES, coefficients, fill_factors
 from albedo.metals import METALS, SOURCES, refractive_index
 
 # Schlick's form, Lazanyi's error term, and the indices of the metals.
+# How far, in squares of cosines, factors are smooth around those that there are.
+_FAR = 0.1
 SOURCES_OF_FACTORS = ("schlick1994", "lazanyi2005", "glassner1995", "johnson1972", "rakic1995")
 
 
@@ -78,6 +80,20 @@ class FresnelChoice(Model):
         columns = (np.full(u.size, number) for number in numbers)
         fill_factors(code, *columns, np.ascontiguousarray(u).ravel(), np.full(u.size, -1.0), out)
         return out.reshape(u.shape)
+
+    @property
+    def fresnel_is_smooth(self) -> bool:
+        """Whether F has all its derivatives at cosines from 0 to 1, and far around.
+
+        Where n^2 - 1 + u^2 has a root, of the complex index n, total reflection sets in; a power
+        of 1 - u need not be whole (``lazanyi``).
+        """
+        code, n, k, _ = self.pack_fresnel()
+        if code in (CODES["white"], CODES["schlick"]):
+            return True
+        root = 1.0 - complex(n, -k if code == CODES["conductor"] else 0.0) ** 2
+        near = complex(min(max(root.real, 0.0), 1.0), 0.0)
+        return code != CODES["lazanyi"] and abs(root - near) >= _FAR
 
     def pack_fresnel(self) -> tuple[int, float, float, float]:
         """The code of the factor and its three numbers."""

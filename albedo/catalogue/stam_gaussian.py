@@ -117,7 +117,8 @@ class StamGaussian(FresnelChoice):
         height = max(2.0 * self.sigma, self.wavelength / (2.0 * math.pi))
         widths = height / lengths[0], height / lengths[1]
         waves = self.wavelength / (2.0 * math.pi * min(lengths))
-        rings = RingsChart("projected", waves=waves) if self.isotropic else None
+        around = RingsChart("projected", waves=waves, smooth=self.fresnel_is_smooth)
+        rings = around if self.isotropic else None
         chart = PolarChart("slope", edge=2)
         # On a smooth surface next to the horizon the lobe of waves is wider in slopes.
         smooth = self.isotropic and 2.0 * math.pi * self.sigma <= self.wavelength

@@ -24,6 +24,11 @@ class CompiledChart:
         """
         raise TypeError(f"{type(self).__name__} must implement layout")
 
+    @property
+    def around(self) -> bool:
+        """Whether panels from u = 0 to 1 are smooth, even about both ends, and peak there."""
+        return False
+
     def nodes(
         self,
         geometry: np.ndarray,

@@ -26,6 +26,10 @@ the lobe, or the elevation of the axis where that is less and the horizon has a 
 horizon. Below an axis under the horizon there is nothing: its lobe falls from the horizon on, and
 ends where the ring chi = 0 is 90 degrees from it, at e_v = pi/2 + e_a. In chi,
 tan(chi/4) is stretched likewise, with the width that the lobe has on that ring.
+
+Where the lobe is a sum of Gaussians (``projected``) nothing has an end in chi but by symmetry.
+There tan(chi/2) = a tan(pi u/2): what is smooth and even about chi = 0 and pi is so in u, and has
+the rule of whole rings (`albedo.integrators.rules.midpoint`).
 """
 
 from __future__ import annotations
@@ -50,8 +54,8 @@ _FOLDS = 4.0
 _THINNEST = 1e-18
 # Lobes that end within so many widths fall like Gaussians, whose core is so many wide.
 _ENDS, _CORE = 30.0, 2.0
-# A sum of Gaussians has nodes as for the square of a width that is so many times that of the first.
-_MIXED = 2.0
+# Nodes around whole rings crowd within so many widths of the lobe.
+_AROUND = 3.0
 # R, of whose distance from V kernels lose nothing: they have it from H.
 MIRROR = (-1.0, 1.0)
 # Down to the height below which pumping-up takes albedos as they are there.
@@ -105,6 +109,9 @@ class RingsChart(CompiledChart):
         (``projected``).
     fit : tuple of float
         See `albedo.charts.dark.DarkChart` (``dark``).
+    smooth : bool
+        The integrand has all derivatives along every ring, and a peak nowhere but at chi = 0 and
+        pi: whole rings have the rule of what is periodic (``projected``).
     """
 
     kind: str
@@ -116,6 +123,7 @@ class RingsChart(CompiledChart):
     levels: Callable[[np.ndarray], np.ndarray] | None = None
     waves: float = 0.0
     fit: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    smooth: bool = False
 
     def panels(
         self,
@@ -174,6 +182,11 @@ class RingsChart(CompiledChart):
     @property
     def _structure(self) -> tuple[int, int, int, int]:
         return KINDS[self.kind], KINKS[self.kinks], DECAYS[self.decay], self.edge
+
+    @property
+    def around(self) -> bool:
+        """See `albedo.charts._compiled.CompiledChart`."""
+        return self.kind == "projected" and self.smooth
 
     @property
     def layout(self) -> tuple[Kernel, np.ndarray]:
@@ -261,7 +274,7 @@ def _polar_sine(g, e_v, below):
 @kernel
 def _ring(g, kind, kinks, decay, cut, e_v, below, s_v):
     """What a ring holds: the scale of tan(chi/4), the end of chi and a kink (0: none), as
-    tan(chi/4). See `_cut`."""
+    tan(chi/4). See `_cut`. Of a ring that has no end the scale is the a of tan(chi/2)."""
     if kind == 3:
         # Broad models turn at right angles to the plane of incidence.
         kink, last = math.tan(0.125 * math.pi), 1.0
@@ -286,14 +299,16 @@ def _ring(g, kind, kinks, decay, cut, e_v, below, s_v):
     else:
         a, b = half * half, g[9] * s_v
     b = max(b, 1e-300)
+    if kind == 4:
+        # A sum of Gaussians, of which far from R wider ones are left. min(x, 1) instead of
+        # x/(1 + x) would be a kink along v.
+        x = _AROUND * _AROUND * math.sqrt(w2 * (w2 + a)) / b
+        return math.sqrt(x / (1.0 + x)), 1.0, 0.0
     # On the ring an algebraic lobe is as wide as it is far from R, and a power of 1/(1 + tan^2)
     # falls as a + 1 does.
     spread = w2
     if decay == 0:
         spread = w2 + a
-        if kind == 4:
-            # A sum of Gaussians, of which far from R wider ones are left.
-            spread = _MIXED * math.sqrt(w2 * spread)
     elif decay == 2 and kind == 0:
         spread = w2 * (1.0 + a)
     last = 1.0
@@ -539,7 +554,7 @@ def _rings(
                 start = kink if part == 1 else 0.0
                 end = kink if part == 0 and inner == 2 else last
                 folds = max(folds, math.asinh(end / scale) - math.asinh(start / scale))
-            turns = 1 if coarse or edge > 1 else max(1, math.ceil(folds / _FOLDS))
+            turns = 1 if coarse or edge > 1 or kind == 4 else max(1, math.ceil(folds / _FOLDS))
             if count + turns > row.size:
                 return -1
             for turn in range(turns):
@@ -580,10 +595,13 @@ def _nodes(geometry, code, box, u, v, numbers, wi, wo, h, weight):
             e_v, below, slope = elevation(g, side, first + (final - first) * x)
             n_v[iv], s_v[iv] = math.sin(e_v), _polar_sine(g, e_v, below)
             scale[iv], last, kink = _ring(g, kind, kinks, decay, cut, e_v, below, s_v[iv])
-            start[iv] = math.asinh(kink / scale[iv]) if part == 1 else 0.0
-            size[iv] = math.asinh((kink if part == 0 else last) / scale[iv]) - start[iv]
             area = n_v[iv] * s_v[iv] * slope * (final - first) * dx * (v1 - v0) * (u1 - u0)
-            ring[iv] = 8.0 * area * size[iv] * scale[iv]
+            if kind == 4:
+                ring[iv] = 2.0 * math.pi * area * scale[iv]
+            else:
+                start[iv] = math.asinh(kink / scale[iv]) if part == 1 else 0.0
+                size[iv] = math.asinh((kink if part == 0 else last) / scale[iv]) - start[iv]
+                ring[iv] = 8.0 * area * size[iv] * scale[iv]
             # H ahead of the normal where chi = 0: s_l - s_v, or s_l + s_v about the side of L.
             shift[iv] = s_l + s_v[iv]
             if away > 0.0:
@@ -596,18 +614,27 @@ def _nodes(geometry, code, box, u, v, numbers, wi, wo, h, weight):
                 stretch = edge * (1.0 - y) ** (edge - 1)
                 y = 1.0 - (1.0 - y) ** edge
             row = iu * v.size
-            for iv in range(v.size):
-                t[iv] = start[iv] + size[iv] * y
-            expm1_all(t, grown)
-            for iv in range(v.size):
-                # sinh and cosh of one exponential.
-                shrunk = grown[iv] / (1.0 + grown[iv])
-                q = 0.5 * scale[iv] * (grown[iv] + shrunk)
-                inverse = 1.0 / (1.0 + q * q)
-                # sin and cos of chi/2.
-                sine[iv], cosine[iv] = 2.0 * q * inverse, (1.0 - q) * (1.0 + q) * inverse
-                slope = 1.0 + 0.5 * (grown[iv] - shrunk)
-                weight[k, row + iv] = ring[iv] * stretch * inverse * slope
+            if kind == 4:
+                across, along = math.sin(0.5 * math.pi * y), math.cos(0.5 * math.pi * y)
+                for iv in range(v.size):
+                    opposite = scale[iv] * across
+                    inverse = 1.0 / (along * along + opposite * opposite)
+                    root = math.sqrt(inverse)
+                    sine[iv], cosine[iv] = opposite * root, along * root
+                    weight[k, row + iv] = ring[iv] * inverse
+            else:
+                for iv in range(v.size):
+                    t[iv] = start[iv] + size[iv] * y
+                expm1_all(t, grown)
+                for iv in range(v.size):
+                    # sinh and cosh of one exponential.
+                    shrunk = grown[iv] / (1.0 + grown[iv])
+                    q = 0.5 * scale[iv] * (grown[iv] + shrunk)
+                    inverse = 1.0 / (1.0 + q * q)
+                    # sin and cos of chi/2.
+                    sine[iv], cosine[iv] = 2.0 * q * inverse, (1.0 - q) * (1.0 + q) * inverse
+                    slope = 1.0 + 0.5 * (grown[iv] - shrunk)
+                    weight[k, row + iv] = ring[iv] * stretch * inverse * slope
             for iv in range(v.size):
                 turned = 2.0 * away * s_v[iv] * sine[iv]
                 along, across = shift[iv] + turned * sine[iv], -turned * cosine[iv]

@@ -34,12 +34,15 @@ from albedo.integrators.cells import (
     evaluate,
     of_rows,
     probe_cells,
+    whole_rings,
 )
-from albedo.integrators.rules import LADDER
+from albedo.integrators.rules import LADDER, RUNGS
 
 _EPS = np.finfo(np.float64).eps
-_LADDER = np.array(LADDER)
-_TOP = LADDER[-1]
+_RUNGS = np.array(RUNGS)
+_TOP, _TOP_AROUND = LADDER[-1], RUNGS[-1]
+# Nodes that whole rings are first seen with.
+_ON_RINGS = 20
 # Each number that a chart or a kernel hands on carries a few roundings.
 _ROUNDINGS = 40.0
 _ROUNDS = 60
@@ -253,7 +256,7 @@ def _enough(
     weight = weigh(known.geometry, cells) if weigh else 1.0
     fall = np.log(np.clip(goal / (weight * size), 1e-300, 1.0))[:, None]
     wanted = np.maximum(cells.order * (fall / np.log(share)) ** _GROWTH, 8.0)
-    rungs = _LADDER[np.minimum(np.searchsorted(_LADDER, wanted), _LADDER.size - 1)]
+    rungs = _RUNGS[np.minimum(np.searchsorted(_RUNGS, wanted), _RUNGS.size - 1)]
     found: np.ndarray = np.minimum(rungs, cells.order)
     return found
 
@@ -373,7 +376,9 @@ def _begin(
     first = np.full((m, 2), order)
     # A scan has to see everything at first sight.
     if order == start and not scans:
-        first = _start_orders(start, code)
+        # Rows that cannot pay for more begin with as many on rings as elsewhere.
+        rich = per_row[row] * (_ON_RINGS * start + 8) <= limit
+        first = _start_orders(start, code, whole_rings(chart, box) & rich)
         first[per_row[row] > _CROWD] = _GLANCE
     cells = Cells.blank(row, code, box, first, _TOP if judge_series else 0)
     spent = np.bincount(row, weights=first.prod(1), minlength=n).astype(int)
@@ -416,14 +421,17 @@ def _go_on(
             break
         allowed = 0.25 * target / doubt[row.owner]
         budget = limit - spent - (2 * leaves + 4)
-        work, paid = _plan(cells, row, allowed, open_, budget, spent, begun.rounds, begun.start)
+        around = whole_rings(chart, cells.box)
+        work, paid = _plan(
+            *(cells, row, allowed, open_, budget, spent, begun.rounds, begun.start, around)
+        )
         active &= paid
         if work.parent.size == 0:
             # Only rounding stands above what was asked for, or nothing can be paid for.
             break
         children = work.children(cells)
         evaluate(chart, integrand, geometry, children)
-        _audit(cells, children, work, doubt)
+        _audit(cells, children, work, doubt, around)
         if judge_series:
             judge_series(children)
         cells.replace(work.parent, children)
@@ -539,9 +547,12 @@ def _sums(cells: Cells, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.
     )
 
 
-def _start_orders(start: int, code: np.ndarray) -> np.ndarray:
-    """Orders that cells begin with: the core of a lobe (inner panel 0) is steeper along v."""
-    return start + np.where((code[:, 1] == 0)[:, None], (-2, 4), (-2, 0))
+def _start_orders(start: int, code: np.ndarray, around: np.ndarray) -> np.ndarray:
+    """Orders that cells begin with: the core of a lobe (inner panel 0) is steeper along v, and
+    `around` tells which are whole rings."""
+    orders = start + np.where((code[:, 1] == 0)[:, None], (-2, 4), (-2, 0))
+    orders[around, 0] = _ON_RINGS
+    return orders
 
 
 @dataclass
@@ -654,11 +665,12 @@ def _plan(
     spent: np.ndarray,
     rounds: np.ndarray,
     start: int,
+    around: np.ndarray,
 ) -> tuple[_Work, np.ndarray]:
     """Choose, for the cells whose errors a row cannot afford, a higher order or a cut.
 
     `allowed` is what the cells left alone may sum to, and once more what the others may come to,
-    for those of `rows` that are active.
+    for those of `rows` that are active. `around` tells which cells are whole rings.
     A row that cannot pay for all of it from its budget pays for the worst cells. What is paid is
     added to `spent`, and a round to those that paid, which are returned too.
     """
@@ -668,11 +680,12 @@ def _plan(
     m, of = place.size, rows.of[place]
     place = place[np.lexsort((total[place], of))]
     ends = np.concatenate(([0], np.cumsum(np.bincount(of, minlength=active.size))))
-    usual = _start_orders(start, cells.code[place])
+    usual = _start_orders(start, cells.code[place], around[place])
     parent, order, cut = np.empty(m, dtype=int), np.empty((m, 2), dtype=int), np.empty(m, dtype=int)
     paid = np.zeros(spent.size, dtype=int)
     count = _choose_all(
-        *(ends, place, total, error, size, cells.order, usual, allowed, active, rows.owner),
+        *(ends, place, total, error, size, cells.order, around, usual, allowed),
+        *(active, rows.owner),
         *(budget, paid, parent, order, cut),
     )
     spent += paid
@@ -688,6 +701,7 @@ def _choose_all(
     error,
     size,
     old,
+    around,
     usual,
     allowed,
     active,
@@ -721,7 +735,7 @@ def _choose_all(
             cut[count] = -1
             order[count, 0], order[count, 1] = usual[j, 0], usual[j, 1]
             if max(old[i, 0], old[i, 1]) > _GLANCE:
-                cut[count] = _choose(goal, error[i], size[i], old[i], order[count])
+                cut[count] = _choose(goal, error[i], size[i], old[i], around[i], order[count])
             cost = order[count, 0] * order[count, 1] * (2 if cut[count] >= 0 else 1)
             if paid[owner[r]] + cost > budget[owner[r]]:
                 break
@@ -732,22 +746,23 @@ def _choose_all(
 
 
 @kernel
-def _rung(wanted):
+def _rung(wanted, top):
     """The next order on the ladder; the highest when there is none."""
-    for order in _LADDER:
-        if order >= wanted:
+    for order in _RUNGS:
+        if order >= min(wanted, top):
             return order
-    return _LADDER[-1]
+    return top
 
 
 @kernel
-def _choose(goal, error, size, old, order):
+def _choose(goal, error, size, old, around, order):
     """Fill the new orders of a cell; return the direction along which it is cut, or -1."""
     whole = max(size, 1e-300)
     fall = math.log(goal / whole)
     cut = -1
     for d in range(2):
         p, share = old[d], error[d] / whole
+        top = _TOP_AROUND if around and d == 0 else _TOP
         order[d] = p
         if not error[d] > goal:
             continue
@@ -757,8 +772,8 @@ def _choose(goal, error, size, old, order):
         if not math.isfinite(wanted):
             wanted = 1e9
         wanted = max(wanted, p + 2.0)
-        order[d] = max(_rung(wanted), p)
-        hopeless = wanted > (1.5 if p < 20 else 1.1) * _TOP or p >= _TOP
+        order[d] = max(_rung(wanted, top), p)
+        hopeless = wanted > (1.5 if p < 20 else 1.1) * top or p >= top
         if hopeless and (cut < 0 or error[d] > error[cut]):
             cut = d
     if cut >= 0:
@@ -769,7 +784,7 @@ def _choose(goal, error, size, old, order):
         if error[d] < 1e-3 * goal:
             # A direction that was resolved far too well may use fewer nodes.
             enough = 1.3 * p * fall / math.log(share) + 2.0
-            order[d] = min(_rung(max(enough, 10.0)), p)
+            order[d] = min(_rung(max(enough, 10.0), _TOP_AROUND), p)
     return cut
 
 
@@ -791,11 +806,12 @@ _LEFT, _RIGHT = _halves()
 
 
 @kernel
-def _distance(k, other, cut, new, old):
+def _distance(k, other, cut, around, new, old):
     """How far moments moved: those of a cell, or of its two halves, from `old`."""
     moved = 0.0
     for d in range(2):
-        for r in range(MOMENTS):
+        # Halves of a whole ring have moments of another kind, but for the first.
+        for r in range(1 if around and cut == 0 and d == 0 else MOMENTS):
             total = new[k, d, r]
             if cut == d:
                 total = 0.0
@@ -809,13 +825,15 @@ def _distance(k, other, cut, new, old):
     return moved
 
 
-def _audit(cells: Cells, children: Cells, work: _Work, doubt: np.ndarray) -> None:
+def _audit(
+    cells: Cells, children: Cells, work: _Work, doubt: np.ndarray, around: np.ndarray
+) -> None:
     """Judge old bounds and new ones by what moved when cells were computed again.
 
     Raises the doubt of rows in whose cells a bound was passed, and mends the errors of children.
     """
     _compare(
-        *(work.parent, work.order, work.cut),
+        *(work.parent, work.order, work.cut, around),
         *(cells.row, cells.order, cells.value, cells.error, cells.size, cells.moments),
         *(children.value, children.error, children.tight, children.size, children.moments),
         doubt,
@@ -827,6 +845,7 @@ def _compare(
     parent,
     order,
     cut,
+    around,
     row,
     old_order,
     old_value,
@@ -858,7 +877,7 @@ def _compare(
         bound = max(old_error[i, 0] + old_error[i, 1], 1e-300)
         if excess > bound and excess > 1e-13 * old_size[i]:
             doubt[row[i]] = max(doubt[row[i]], min(excess / bound, 1e6))
-        moved = _distance(k, other, cut[k], moments, old_moments[i])
+        moved = _distance(k, other, cut[k], around[i], moments, old_moments[i])
         growth = math.inf
         for d in range(2):
             ratio = order[k, d] / old_order[i, d]
@@ -892,6 +911,7 @@ def compile_kernels(charts: Iterable[Chart]) -> None:
     cells = Cells.blank(none, np.empty((0, 6), int), np.empty((0, 6)), np.empty((0, 2), int))
     active, spent = np.ones(1, dtype=bool), np.zeros(1, dtype=int)
     rows = _Rows(none, np.zeros(1, dtype=int), cells.size)
-    work, _ = _plan(cells, rows, np.ones(1), active, spent, spent, spent, 12)
-    _audit(cells, work.children(cells), work, np.ones(1))
+    around = np.empty(0, dtype=bool)
+    work, _ = _plan(cells, rows, np.ones(1), active, spent, spent, spent, 12, around)
+    _audit(cells, work.children(cells), work, np.ones(1), around)
     compile_cells(charts)

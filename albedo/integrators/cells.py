@@ -8,7 +8,7 @@ cache of a core, and threads meet once a round. A function of plain Python goes 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, Protocol, TypeGuard
@@ -18,7 +18,15 @@ import numpy as np
 from albedo._compile import address, indirect, is_kernel, kernel
 from albedo._threads import by_weight, in_batches
 from albedo.charts._compiled import CompiledChart
-from albedo.integrators.rules import LADDER, bounds_of, gauss
+from albedo.integrators.rules import (
+    LADDER,
+    RUNGS,
+    Rule,
+    bounds_around,
+    bounds_of,
+    gauss,
+    midpoint,
+)
 
 Integrand = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
@@ -132,7 +140,7 @@ class Cells:
     error: np.ndarray  # (m, 2) bounds along u and v, to stop on
     tight: np.ndarray  # (m,) their sum, to report where nothing was stopped on it
     size: np.ndarray  # integral of the modulus
-    moments: np.ndarray  # (m, 2, MOMENTS) first Legendre coefficients of the marginals
+    moments: np.ndarray  # (m, 2, MOMENTS) first coefficients of the marginals
     series: np.ndarray  # (m, terms) Legendre coefficients along v, as many as are wanted
 
     @classmethod
@@ -163,15 +171,46 @@ class Cells:
 
 @cache
 def rules_by_order() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Nodes, weights and matrices to coefficients of all rules, by their numbers of nodes."""
-    top = LADDER[-1]
+    """Nodes, weights and matrices to coefficients of Gauss's rules, by their numbers of nodes."""
+    return _by_order(gauss, LADDER)
+
+
+@cache
+def _rules_around() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """As `rules_by_order`, of the rules around whole rings."""
+    return _by_order(midpoint, RUNGS)
+
+
+def _by_order(
+    rule_of: Callable[[int], Rule], orders: Sequence[int]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    top = orders[-1]
     nodes, weights = np.zeros((top + 1, top)), np.zeros((top + 1, top))
     matrices = np.zeros((top + 1, top * top))
-    for p in (1, *LADDER):
-        rule = gauss(p)
+    for p in (1, *orders):
+        rule = rule_of(p)
         nodes[p, :p], weights[p, :p] = rule.nodes, rule.weights
         matrices[p, : p * p] = rule.to_coefficients.ravel()
     return nodes, weights, matrices
+
+
+def whole_rings(chart: Chart, box: np.ndarray) -> np.ndarray:
+    """Which cells go all around, where they are even about both ends and have the midpoint rule.
+
+    Parameters
+    ----------
+    chart : Chart
+    box : ndarray, shape (m, ...)
+        Of the cells.
+
+    Returns
+    -------
+    ndarray of bool, shape (m,)
+    """
+    if not (isinstance(chart, CompiledChart) and chart.around):
+        return np.zeros(box.shape[0], dtype=bool)
+    found: np.ndarray = (box[:, 0] == 0.0) & (box[:, 1] == 1.0)
+    return found
 
 
 def evaluate(chart: Chart, integrand: Integrand, geometry: np.ndarray, cells: Cells) -> None:
@@ -188,21 +227,26 @@ def evaluate(chart: Chart, integrand: Integrand, geometry: np.ndarray, cells: Ce
     cells : Cells
         Changed in place.
     """
-    # Cells that share a pair of orders stand together, so that every block is a slice.
+    # Cells that share a pair of rules stand together, so that every block is a slice.
     # Sixteen bits are sorted in linear time.
-    key = (cells.order[:, 0] * (LADDER[-1] + 1) + cells.order[:, 1]).astype(np.int16)
+    around = whole_rings(chart, cells.box)
+    key = (cells.order[:, 0] + (RUNGS[-1] + 1) * around) * (LADDER[-1] + 1) + cells.order[:, 1]
+    key = key.astype(np.int16)
     rank = np.argsort(key, kind="stable")
     row, code, box, order = (a[rank] for a in (cells.row, cells.code, cells.box, cells.order))
+    around = around[rank]
     geometry = geometry[row]
     if isinstance(integrand, ModelIntegrand) and integrand.compiled(chart):
         lay_out, numbers = chart.layout
         nodes, fill = address(lay_out, NODES_TYPES), address(integrand.fill, _FILL_TYPES)
-        p, scale, rules = integrand.p[row], integrand.scale[row], rules_by_order()
+        p, scale = integrand.p[row], integrand.scale[row]
+        rules = *rules_by_order(), *_rules_around()
 
         def sweep(part: slice) -> None:
             _sweep(
                 *(nodes, numbers, geometry[part], code[part], box[part], fill, p[part]),
-                *(scale[part], order[part], rank[part], *rules, _INNER_BLOCK, *cells.measured),
+                *(scale[part], order[part], around[part], rank[part]),
+                *(*rules, _INNER_BLOCK, *cells.measured),
             )
 
         if integrand.shared:
@@ -218,14 +262,16 @@ def evaluate(chart: Chart, integrand: Integrand, geometry: np.ndarray, cells: Ce
 
     def measure(which: slice) -> None:
         for block in blocks[which]:
-            rule_u, rule_v = (gauss(p) for p in order[block.start].tolist())
+            along_u, along_v = order[block.start].tolist()
+            whole = bool(around[block.start])
+            rule_u, rule_v = midpoint(along_u) if whole else gauss(along_u), gauss(along_v)
             wi, wo, h, weight = chart.nodes(
                 geometry[block], code[block], box[block], rule_u.nodes, rule_v.nodes
             )
             f = integrand(row[block], wi, wo, h)
             _reduce(
                 *(rank[block], f, weight, rule_u.weights, rule_v.weights),
-                *(rule_u.to_coefficients, rule_v.to_coefficients, *cells.measured),
+                *(rule_u.to_coefficients, rule_v.to_coefficients, whole, *cells.measured),
             )
 
     if isinstance(integrand, ModelIntegrand) and integrand.shared:
@@ -320,10 +366,13 @@ def _outside(along, weights):
 
 
 @kernel
-def judge(along, weights, to_coefficients, spectrum):
+def judge(along, weights, to_coefficients, around, spectrum, room):
     """Fill the spectrum of a marginal; return its two bounds."""
     hidden = fill_spectrum(along, weights, to_coefficients, spectrum)
-    stop, report = bounds_of(spectrum[: along.size])
+    if around:
+        stop, report = bounds_around(spectrum[: along.size], room)
+    else:
+        stop, report = bounds_of(spectrum[: along.size])
     return max(stop, hidden), max(report, hidden)
 
 
@@ -336,6 +385,7 @@ def _reduce(
     weights_v,
     to_u,
     to_v,
+    around,
     value,
     error,
     tight,
@@ -346,7 +396,7 @@ def _reduce(
     """Fill what is measured of the cells in a block, from the values at their nodes."""
     p, q = weights_u.size, weights_v.size
     along_u, along_v = np.empty(p), np.empty(q)
-    spectrum = np.empty(max(p, q))
+    spectrum, room = np.empty(max(p, q)), np.empty(max(p, q))
     for k in range(block.size):
         cell = block[k]
         along_v[:] = 0.0
@@ -361,11 +411,11 @@ def _reduce(
             along_u[i] = total
             modulus += absolute * weights_u[i]
         size[cell] = modulus
-        error[cell, 0], report = judge(along_u, weights_u, to_u, spectrum)
+        error[cell, 0], report = judge(along_u, weights_u, to_u, around, spectrum, room)
         value[cell] = spectrum[0]
         for j in range(min(p, MOMENTS)):
             moments[cell, 0, j] = spectrum[j]
-        error[cell, 1], other = judge(along_v, weights_v, to_v, spectrum)
+        error[cell, 1], other = judge(along_v, weights_v, to_v, False, spectrum, room)
         for j in range(min(q, MOMENTS)):
             moments[cell, 1, j] = spectrum[j]
         for j in range(min(q, series.shape[1])):
@@ -394,10 +444,14 @@ def _sweep(
     p,
     scale,
     order,
+    around,
     place,
     rule_nodes,
     rule_weights,
     rule_matrices,
+    nodes_around,
+    weights_around,
+    matrices_around,
     block,
     value,
     error,
@@ -406,22 +460,24 @@ def _sweep(
     moments,
     series,
 ):
-    """Evaluate cells that stand in the order of their pairs of orders, block by block."""
-    room = max(block, rule_matrices.shape[1])
+    """Evaluate cells that stand in the order of their pairs of rules, block by block."""
+    room = max(block, rule_nodes.shape[1] * nodes_around.shape[1])
     wi_room, wo_room, h_room = np.empty(3 * room), np.empty(3 * room), np.empty(3 * room)
     weight_room, f_room = np.empty(room), np.empty(room)
     first = 0
     while first < place.size:
-        a, b = order[first, 0], order[first, 1]
+        a, b, whole = order[first, 0], order[first, 1], around[first]
         count = a * b
         stop = first + 1
         last = min(place.size, first + max(1, block // count))
         while stop < last and order[stop, 0] == a and order[stop, 1] == b:
+            if around[stop] != whole:
+                break
             stop += 1
         m = stop - first
         wi, wo, h = _flat(wi_room, 3, m), _deep(wo_room, m, count), _deep(h_room, m, count)
         weight, f = _flat(weight_room, m, count), _flat(f_room, m, count)
-        u, v = rule_nodes[a, :a], rule_nodes[b, :b]
+        u, v = (nodes_around if whole else rule_nodes)[a, :a], rule_nodes[b, :b]
         shape, kinds, ends = geometry[first:stop], code[first:stop], box[first:stop]
         _lay_out(nodes, (shape, kinds, ends, u, v, numbers, wi, wo, h, weight))
         _fill(fill, (wi, wo, h, p[first:stop], f))
@@ -433,10 +489,11 @@ def _sweep(
             place[first:stop],
             f,
             weight,
-            rule_weights[a, :a],
+            (weights_around if whole else rule_weights)[a, :a],
             rule_weights[b, :b],
-            _flat(rule_matrices[a], a, a),
+            _flat((matrices_around if whole else rule_matrices)[a], a, a),
             _flat(rule_matrices[b], b, b),
+            whole,
             value,
             error,
             tight,
@@ -453,7 +510,8 @@ def compile_cells(charts: Iterable[Chart]) -> None:
     cells = Cells.blank(none, np.empty((0, 6), int), np.empty((0, 6)), np.empty((0, 2), int))
     _sweep(
         *(0, np.empty(1), table, cells.code, cells.box, 0, table, np.empty(0)),
-        *(cells.order, none, *rules_by_order(), _INNER_BLOCK, *cells.measured),
+        *(cells.order, np.empty(0, dtype=bool), none, *rules_by_order(), *_rules_around()),
+        *(_INNER_BLOCK, *cells.measured),
     )
     # Last: by now the kernels that they share with the panels are on disk.
     for chart in charts:

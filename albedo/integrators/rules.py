@@ -6,6 +6,10 @@ error of the Gauss rule is the sum of its aliases, coefficients of index 2p and 
 (Trefethen, *Is Gauss quadrature better than Clenshaw-Curtis?*, SIAM Review 50, 2008). The bound
 extrapolates the fall that was observed over the upper half of the spectrum, less steeply than
 geometric decay allows, so that algebraic decay (a kink that was not split) is covered as well.
+
+What goes around a ring, and is even about both ends of half of it, has the midpoint rule: p nodes
+give the mean and the first p coefficients of the cosine series, and aliases begin at 2p as well
+(Trefethen and Weideman, *The exponentially convergent trapezoidal rule*, SIAM Review 56, 2014).
 """
 
 from __future__ import annotations
@@ -20,6 +24,8 @@ from albedo._compile import kernel
 
 LADDER = (2, 3, 4, 5, 6, 8, 10, 12, 14, 16, 20, 24, 28, 32)
 """Numbers of nodes that cells may use."""
+RUNGS = (*LADDER, 36, 40, 44, 48, 52, 56, 60, 64)
+"""Numbers of nodes around whole rings."""
 
 # A bound is safety * tail * exp(-fall over the next octave). Stopping as soon as a bound is small
 # selects the spectra that happen to look good, so the bound that stops a refinement is the wider
@@ -32,19 +38,22 @@ _REPORTED = (1.5, 4, 0.8, 0.8, 6.0)
 # Eight coefficients tell less of a rate.
 _SHORT, _SHORT_SAFETY = 8, 3.0
 _SHALLOW, _STEEP = 1.0, 1.5
+# Cosine series of p nodes fall by so much per coefficient at least, times p: what is narrower than
+# a fourth of a step may be anywhere. Coefficients below so many roundings of the largest are noise.
+_FLATTEST, _NOISE = 0.25, 8.0 * float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True)
 class Rule:
-    """A Gauss-Legendre rule on [0, 1].
+    """A rule on [0, 1].
 
     Attributes
     ----------
     nodes, weights : ndarray, shape (p,)
         Nodes in (0, 1), and weights that sum to 1.
     to_coefficients : ndarray, shape (p, p)
-        ``values @ to_coefficients`` are the coefficients of the shifted Legendre polynomials;
-        the first one is the integral.
+        ``values @ to_coefficients`` are the coefficients of the shifted Legendre polynomials, or
+        of the cosines of k pi x; the first one is the integral.
     """
 
     nodes: np.ndarray
@@ -59,6 +68,15 @@ def gauss(p: int) -> Rule:
     polynomials = np.polynomial.legendre.legvander(x, p - 1)
     scaled = polynomials * (w[:, None] / 2) * (2 * np.arange(p) + 1)
     return Rule((x + 1) / 2, w / 2, scaled)
+
+
+@cache
+def midpoint(p: int) -> Rule:
+    """The midpoint rule of `p` nodes on [0, 1], for what is even about both ends."""
+    x = (np.arange(p) + 0.5) / p
+    scaled = 2.0 / p * np.cos(math.pi * np.arange(p) * x[:, None])
+    scaled[:, 0] = 1.0 / p
+    return Rule(x, np.full(p, 1.0 / p), scaled)
 
 
 @kernel
@@ -139,3 +157,72 @@ def bounds_of(a):
         return stop, stop
     # Six coefficients cannot tell a root at the end from a smooth integrand: no steeper fall.
     return stop, 0.5 * stop if p < _SHORT else min(_extrapolate(a, *_REPORTED), stop)
+
+
+@kernel
+def _last_of_largest(a, first, last):
+    """Where the last of the largest moduli in a[first:last] stands."""
+    place = last - 1
+    for k in range(last - 1, max(first, 0) - 1, -1):
+        if abs(a[k]) > abs(a[place]):
+            place = k
+    return place
+
+
+@kernel
+def _rate(drop, n, m, least):
+    """The r, `least` or more, of which ln(sinh(r n)/sinh(r m)) is the drop, for n > m > 0."""
+    if not drop > math.log(math.sinh(least * n) / math.sinh(least * m)):
+        return least
+    # From above, where the function is convex: Newton's method does not overshoot.
+    r = drop / (n - m)
+    for _ in range(8):
+        far, near = -math.expm1(-2.0 * r * n), -math.expm1(-2.0 * r * m)
+        excess = r * (n - m) + math.log(far / near) - drop
+        slope = n * (2.0 / far - 1.0) - m * (2.0 / near - 1.0)
+        step = excess / slope
+        r -= step
+        if step <= 0.01 * r:
+            break
+    return max(r, least)
+
+
+@kernel
+def bounds_around(a, lifted):
+    """As `bounds_of`, from coefficients of cosines, of what has its peaks at the ends.
+
+    Of a series that falls by r each time, p nodes see the coefficient k with its first alias,
+    2p - k. Of a peak at an end, which no node hits, they cancel as sinh(r (p - k)) does towards
+    k = p: the last coefficients look smaller than they are, and their fall steeper. Both are
+    undone. A peak elsewhere may stand so between two nodes that they cancel further.
+
+    Parameters
+    ----------
+    a : ndarray, shape (p,)
+    lifted : ndarray, shape (p,)
+        Overwritten.
+    """
+    p = a.size
+    if p < 6:
+        stop = stopping_bound(a)
+        return stop, stop
+    # The least of the falls that `_extrapolate` looks at.
+    last = _last_of_largest(a, p - 2, p)
+    tail = _last_of_largest(a, p - (_STOPPING[1] if p > _SHORT else 3), p)
+    rate = math.inf
+    for end, first in ((tail, p // 2 - 2), (last, p - 4), (last, p - 2 - max(2, p // 4))):
+        start = _last_of_largest(a, first, p)
+        if a[end] != 0.0:
+            drop = math.log(abs(a[start] / a[end]))
+            rate = min(rate, _rate(drop, float(p - start), float(p - end), _FLATTEST / p))
+    if not rate < math.inf:
+        return bounds_of(a)
+    noise = _NOISE * _largest(a, 0, p)
+    lifted[0] = a[0]
+    for k in range(1, p):
+        lifted[k] = a[k]
+        if abs(a[k]) > noise:
+            lifted[k] /= -math.expm1(-2.0 * rate * (p - k))
+    stop, report = bounds_of(lifted[:p])
+    more = -1.0 / math.expm1(-2.0 * rate * p)
+    return more * stop, more * report
