@@ -13,8 +13,8 @@ from albedo.brdf import Model, Part
 from albedo.charts.rings import RingsChart, elevation, elevations, expm1_all
 from albedo.directions import spherical
 from albedo.grammar import parse
-from albedo.integrators.adaptive import Result, integrate
-from albedo.integrators.cells import ModelIntegrand
+from albedo.integrators.adaptive import Result, integrate, refine
+from albedo.integrators.cells import Cells, ModelIntegrand, evaluate, whole_rings
 from albedo.operators.ladder import rings_of
 
 EPS = np.finfo(float).eps
@@ -200,7 +200,9 @@ def test_rings_cover_the_hemisphere_once(kind: str, kinks: str, width: float) ->
 
 def test_nodes_are_directions_and_their_sums() -> None:
     n = COSINES.size
-    for kind, kinks in (("slope", "v_cavity"), ("mirror", "none"), ("broad", "max")):
+    for kind, kinks in (
+        *(("slope", "v_cavity"), ("mirror", "none"), ("broad", "max"), ("projected", "none")),
+    ):
         chart = RingsChart(kind, kinks)
         phi = np.linspace(-2.0, 3.0, n)
         geometry, row, code, box = chart.panels(COSINES, phi, np.full((n, 2), 0.2), True)
@@ -343,3 +345,116 @@ def test_elevations_of_many_are_those_of_one(name: str) -> None:
         off = (8.0 + 4.0 * s) * EPS * distance + EPS * np.abs(known[:, 0])
         assert np.all(np.abs(found - known[:, 0]) <= off)
     assert sides == {0, 1, 2}
+
+
+WAVES = ["he_torrance", "he_torrance:sigma0=9e-3,tau=54", "stam_gaussian:sigma=0.067,t_x=63,t_y=63"]
+
+
+def smooth_rings(spec: str) -> tuple[Part, RingsChart, np.ndarray]:
+    """The part of a model that has whole rings, their chart, and its packed parameters."""
+    model = next(parse(spec).models())
+    part = model.parts()[0]
+    assert isinstance(part.rings, RingsChart)
+    return part, part.rings, part.packed(np.array([model.pack()], dtype=float))
+
+
+@pytest.mark.parametrize("spec", WAVES)
+def test_whole_rings_and_their_halves_have_one_integral(spec: str) -> None:
+    """The midpoint rule with cosines, and Gauss's rule with Legendre's polynomials."""
+    part, chart, p = smooth_rings(spec)
+    n = COSINES.size
+    widths = np.tile(part.widths, (n, 1))
+    geometry, row, code, box = chart.panels(COSINES, np.zeros(n), widths, True)
+    integrand = ModelIntegrand(part.fill, np.tile(p, (n, 1)), np.ones(n))
+    whole = Cells.blank(row, code, box, np.tile((64, 32), (row.size, 1)))
+    assert whole_rings(chart, box).all()
+    evaluate(chart, integrand, geometry, whole)
+    total = np.zeros(row.size)
+    error = np.zeros(row.size)
+    for k in range(4):
+        quarter = box.copy()
+        quarter[:, 0], quarter[:, 1] = 0.25 * k, 0.25 * (k + 1)
+        assert not whole_rings(chart, quarter).any()
+        cells = Cells.blank(row, code, quarter, np.tile((32, 32), (row.size, 1)))
+        evaluate(chart, integrand, geometry, cells)
+        total += cells.value
+        error += cells.error[:, 0]
+    # Both have the same heights: only the rules along u differ, and roundings of the sums.
+    slack = 100 * EPS * whole.size
+    assert np.all(np.abs(whole.value - total) <= whole.error[:, 0] + error + slack)
+    bright = whole.value > 1e-6 * np.bincount(row, whole.value)[row]
+    # Bounds that say little would agree with anything.
+    assert np.median(whole.error[bright, 0] / whole.size[bright]) <= 1e-9
+
+
+@pytest.mark.parametrize("spec", WAVES)
+def test_calls_from_python_have_whole_rings_as_well(spec: str) -> None:
+    """Functions that are not compiled go block by block, with the same rules."""
+    part, chart, p = smooth_rings(spec)
+    n = COSINES.size
+    compiled = ModelIntegrand(part.fill, np.tile(p, (n, 1)), np.ones(n))
+    widths = np.tile(part.widths, (n, 1))
+    geometry, row, code, box = chart.panels(COSINES, np.zeros(n), widths, True)
+    one, other = (Cells.blank(row, code, box, np.tile((40, 12), (row.size, 1))) for _ in range(2))
+    halves = np.arange(row.size) % 3 == 0
+    for cells in (one, other):
+        # Both kinds of rules in one call.
+        cells.box[halves, 1] = 0.5
+        cells.order[halves, 0] = 12
+    evaluate(chart, compiled, geometry, one)
+    evaluate(chart, lambda *where: compiled(*where), geometry, other)
+    # The same sums, which may be vectorised otherwise.
+    close = 100 * EPS * one.size
+    assert np.all(np.abs(one.value - other.value) <= close)
+    assert np.all(np.abs(one.error - other.error) <= 1e3 * close[:, None] + 1e-9 * one.error)
+
+
+@pytest.mark.parametrize(("times", "cut"), [(2.0, False), (8.0, True)])
+def test_rings_that_want_more_nodes_than_there_are_rules_are_cut(times: float, cut: bool) -> None:
+    """A lobe that is some times narrower than its chart was told."""
+    part, chart, p = smooth_rings("he_torrance:sigma0=9e-3,tau=54,mirror=off")
+    widths = np.full((1, 2), times * part.widths[0])
+    wide = RingsChart("projected", waves=times * chart.waves, smooth=True)
+    c = np.array([0.5])
+    integrand = ModelIntegrand(part.fill, p, np.ones(1))
+    done = refine(
+        *(wide, integrand, c, np.zeros(1), widths, True), rtol=1e-9, atol=0.0, limit=10**7
+    )
+    assert (~whole_rings(wide, done.cells.box)).any() == cut
+    # Gauss's rules end at 32.
+    assert (done.cells.order[:, 0].max() > 32) == (not cut)
+    told = over(part, chart, p, cosines=c)
+    value, error = done.cells.value.sum(), done.doubt[0] * done.cells.error.sum()
+    assert told.converged.all()
+    # Rounding is no part of the bounds of cells.
+    assert abs(value - told.value[0]) <= error + told.error[0] + 100 * EPS * value
+
+
+@pytest.mark.parametrize(
+    ("factor", "smooth"),
+    [
+        ("fresnel=white", True),
+        ("fresnel=schlick,f0=0.1", True),
+        ("fresnel=dielectric,ior=1.5", True),
+        ("fresnel=gold", True),
+        ("fresnel=conductor,ior=0.2,k=3", True),
+        # Total reflection at u^2 = 1 - n^2, and where it is all but that.
+        ("fresnel=dielectric,ior=0.5", False),
+        ("fresnel=dielectric,ior=1.01", False),
+        ("fresnel=conductor,ior=0.5,k=0.01", False),
+        # A power of 1 - u that is not whole.
+        ("fresnel=lazanyi,ior=1.5,k=3", False),
+    ],
+)
+def test_rings_are_whole_where_the_fresnel_factor_is_smooth(factor: str, smooth: bool) -> None:
+    for name in ("he_torrance", "stam_gaussian"):
+        _, chart, _ = smooth_rings(f"{name}:{factor}")
+        assert chart.around is smooth
+        own = over(*_own(f"{name}:{factor}"))
+        found = over(*_own(f"{name}:{factor}", chart))
+        assert np.all(np.abs(found.value - own.value) <= found.error + own.error)
+
+
+def _own(spec: str, chart: RingsChart | None = None) -> tuple[Part, object, np.ndarray]:
+    part, _, p = smooth_rings(spec)
+    return part, chart or part.chart, p

@@ -164,9 +164,9 @@ def _passed(p: int, width: np.ndarray, place: np.ndarray) -> dict[str, np.ndarra
 
 @pytest.mark.parametrize("p", [p for p in RUNGS if p >= 6])
 def test_the_bound_covers_the_error_around_rings(p: int, rng: np.random.Generator) -> None:
-    """Peaks at either end, of two thirds of a step or more: narrower ones may not be seen."""
+    """Peaks at either end, as wide as a step or more: narrower ones may not be seen."""
     place = rng.choice([0.0, 0.5 * np.pi], COUNT)
-    for name, passed in _passed(p, np.geomspace(0.67 / p, 3.0, COUNT), place).items():
+    for name, passed in _passed(p, np.geomspace(1.0 / p, 3.0, COUNT), place).items():
         assert not passed[:, 0].any(), (name, "to stop on")
         assert passed[:, 1].mean() <= 0.02, (name, "to report")
 
