@@ -210,7 +210,7 @@ def bounds_around(a, lifted):
     last = _last_of_largest(a, p - 2, p)
     tail = _last_of_largest(a, p - (_STOPPING[1] if p > _SHORT else 3), p)
     rate = math.inf
-    for end, first in ((tail, p // 2 - 2), (last, p - 4), (last, p - 2 - max(2, p // 4))):
+    for end, first in ((tail, p // 2 - 2), (last, p - 2 - max(2, p // 4))):
         start = _last_of_largest(a, first, p)
         if a[end] != 0.0:
             drop = math.log(abs(a[start] / a[end]))
