@@ -8,7 +8,15 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from albedo.integrators.rules import LADDER, RUNGS, bounds_around, bounds_of, gauss, midpoint
+from albedo.integrators.rules import (
+    AROUND,
+    LADDER,
+    RUNGS,
+    bounds_around,
+    bounds_of,
+    gauss,
+    midpoint,
+)
 
 COUNT = 400
 
@@ -157,7 +165,7 @@ def _passed(p: int, width: np.ndarray, place: np.ndarray) -> dict[str, np.ndarra
         error = np.abs(coefficients[:, 0] - values(fine.nodes) @ fine.weights)
         # The reference adds up some thousand values.
         floor = 2e-14 * np.abs(coefficients[:, 0])
-        bound = np.array([bounds_around(row, room) for row in coefficients])
+        bound = np.array([bounds_around(row, AROUND["smooth"], room) for row in coefficients])
         passed[name] = error[:, None] > bound + floor[:, None]
     return passed
 
@@ -187,11 +195,12 @@ def test_last_coefficients_around_rings_are_not_believed() -> None:
     # The mean over the ring in closed form.
     error = abs(found[0] - 1.0 / (w * np.sqrt(1.0 + w * w)))
     assert error > 0.1 * found[0]
-    assert bounds_around(found, np.empty(64))[0] > error > bounds_of(found)[0]
+    assert bounds_around(found, AROUND["entire"], np.empty(64))[0] > error > bounds_of(found)[0]
 
 
 def test_series_of_nothing_around_rings_have_no_error() -> None:
     for p in (6, 20, 64):
         constant = np.eye(p)[0]
-        assert bounds_around(constant, np.empty(p)) == (0.0, 0.0)
-        assert np.isinf(bounds_around(np.full(p, np.inf), np.empty(p))[0])
+        for farthest in AROUND.values():
+            assert bounds_around(constant, farthest, np.empty(p)) == (0.0, 0.0)
+            assert np.isinf(bounds_around(np.full(p, np.inf), farthest, np.empty(p))[0])

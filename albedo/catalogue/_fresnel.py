@@ -82,18 +82,18 @@ class FresnelChoice(Model):
         return out.reshape(u.shape)
 
     @property
-    def fresnel_is_smooth(self) -> bool:
-        """Whether F has all its derivatives at cosines from 0 to 1, and far around.
+    def fresnel_around(self) -> str:
+        """What F is around a ring: see `albedo.charts.rings.RingsChart`.
 
         Where n^2 - 1 + u^2 has a root, of the complex index n, total reflection sets in; a power
-        of 1 - u need not be whole (``lazanyi``).
+        of 1 - u need not be whole (``lazanyi``). All others but 1 have odd powers of u, a root.
         """
         code, n, k, _ = self.pack_fresnel()
         if code in (CODES["white"], CODES["schlick"]):
-            return True
+            return "entire" if code == CODES["white"] else "smooth"
         root = 1.0 - complex(n, -k if code == CODES["conductor"] else 0.0) ** 2
         near = complex(min(max(root.real, 0.0), 1.0), 0.0)
-        return code != CODES["lazanyi"] and abs(root - near) >= _FAR
+        return "smooth" if code != CODES["lazanyi"] and abs(root - near) >= _FAR else "none"
 
     def pack_fresnel(self) -> tuple[int, float, float, float]:
         """The code of the factor and its three numbers."""

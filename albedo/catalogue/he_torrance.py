@@ -232,7 +232,7 @@ class HeTorrance(FresnelChoice):
             waves = self.wavelength / (2.0 * math.pi * self.tau)
             width = max(slope, waves)
             chart = PolarChart("slope", edge=2, turn=turn)
-            rings = RingsChart("projected", waves=waves, smooth=self.fresnel_is_smooth)
+            rings = RingsChart("projected", waves=waves, around=self.fresnel_around)
             # On a smooth surface next to the horizon the lobe of waves is wider in slopes.
             smooth = 2.0 * math.pi * self.sigma0 <= self.wavelength
             routine = ggx_normals(2.0 * waves, 2.0 * waves) if smooth else None

@@ -117,7 +117,7 @@ class StamGaussian(FresnelChoice):
         height = max(2.0 * self.sigma, self.wavelength / (2.0 * math.pi))
         widths = height / lengths[0], height / lengths[1]
         waves = self.wavelength / (2.0 * math.pi * min(lengths))
-        around = RingsChart("projected", waves=waves, smooth=self.fresnel_is_smooth)
+        around = RingsChart("projected", waves=waves, around=self.fresnel_around)
         rings = around if self.isotropic else None
         chart = PolarChart("slope", edge=2)
         # On a smooth surface next to the horizon the lobe of waves is wider in slopes.

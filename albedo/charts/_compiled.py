@@ -13,7 +13,16 @@ Nodes = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 class CompiledChart:
-    """A chart whose nodes are laid out by a kernel, here or from inside other kernels."""
+    """A chart whose nodes are laid out by a kernel, here or from inside other kernels.
+
+    Attributes
+    ----------
+    around : {"none", "smooth", "entire"}
+        What an integrand is along u from 0 to 1, where it is even about both ends and peaks there:
+        analytic for real u, or nowhere else singular but far from it as well.
+    """
+
+    around: str = "none"
 
     @property
     def layout(self) -> tuple[Kernel, np.ndarray]:
@@ -23,11 +32,6 @@ class CompiledChart:
         the shapes of what `nodes` returns.
         """
         raise TypeError(f"{type(self).__name__} must implement layout")
-
-    @property
-    def around(self) -> bool:
-        """Whether panels from u = 0 to 1 are smooth, even about both ends, and peak there."""
-        return False
 
     def nodes(
         self,

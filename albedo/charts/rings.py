@@ -109,9 +109,9 @@ class RingsChart(CompiledChart):
         (``projected``).
     fit : tuple of float
         See `albedo.charts.dark.DarkChart` (``dark``).
-    smooth : bool
-        The integrand has all derivatives along every ring, and a peak nowhere but at chi = 0 and
-        pi: whole rings have the rule of what is periodic (``projected``).
+    around : {"none", "smooth", "entire"}
+        The integrand is an analytic function of cos(chi), or an entire one, with a peak nowhere but
+        at chi = 0 and pi: whole rings have the rule of what is periodic (``projected``).
     """
 
     kind: str
@@ -123,7 +123,7 @@ class RingsChart(CompiledChart):
     levels: Callable[[np.ndarray], np.ndarray] | None = None
     waves: float = 0.0
     fit: tuple[float, float, float] = (1.0, 0.0, 0.0)
-    smooth: bool = False
+    around: str = "none"
 
     def panels(
         self,
@@ -182,11 +182,6 @@ class RingsChart(CompiledChart):
     @property
     def _structure(self) -> tuple[int, int, int, int]:
         return KINDS[self.kind], KINKS[self.kinks], DECAYS[self.decay], self.edge
-
-    @property
-    def around(self) -> bool:
-        """See `albedo.charts._compiled.CompiledChart`."""
-        return self.kind == "projected" and self.smooth
 
     @property
     def layout(self) -> tuple[Kernel, np.ndarray]:

@@ -42,7 +42,7 @@ _EPS = np.finfo(np.float64).eps
 _RUNGS = np.array(RUNGS)
 _TOP, _TOP_AROUND = LADDER[-1], RUNGS[-1]
 # Nodes that whole rings are first seen with.
-_ON_RINGS = 20
+_ON_RINGS = 16
 # Each number that a chart or a kernel hands on carries a few roundings.
 _ROUNDINGS = 40.0
 _ROUNDS = 60

@@ -19,6 +19,7 @@ from albedo._compile import address, indirect, is_kernel, kernel
 from albedo._threads import by_weight, in_batches
 from albedo.charts._compiled import CompiledChart
 from albedo.integrators.rules import (
+    AROUND,
     LADDER,
     RUNGS,
     Rule,
@@ -207,7 +208,7 @@ def whole_rings(chart: Chart, box: np.ndarray) -> np.ndarray:
     -------
     ndarray of bool, shape (m,)
     """
-    if not (isinstance(chart, CompiledChart) and chart.around):
+    if not (isinstance(chart, CompiledChart) and chart.around in AROUND):
         return np.zeros(box.shape[0], dtype=bool)
     found: np.ndarray = (box[:, 0] == 0.0) & (box[:, 1] == 1.0)
     return found
@@ -230,6 +231,7 @@ def evaluate(chart: Chart, integrand: Integrand, geometry: np.ndarray, cells: Ce
     # Cells that share a pair of rules stand together, so that every block is a slice.
     # Sixteen bits are sorted in linear time.
     around = whole_rings(chart, cells.box)
+    farthest = AROUND[chart.around] if isinstance(chart, CompiledChart) and around.any() else 0.0
     key = (cells.order[:, 0] + (RUNGS[-1] + 1) * around) * (LADDER[-1] + 1) + cells.order[:, 1]
     key = key.astype(np.int16)
     rank = np.argsort(key, kind="stable")
@@ -246,7 +248,7 @@ def evaluate(chart: Chart, integrand: Integrand, geometry: np.ndarray, cells: Ce
             _sweep(
                 *(nodes, numbers, geometry[part], code[part], box[part], fill, p[part]),
                 *(scale[part], order[part], around[part], rank[part]),
-                *(*rules, _INNER_BLOCK, *cells.measured),
+                *(*rules, farthest, _INNER_BLOCK, *cells.measured),
             )
 
         if integrand.shared:
@@ -263,8 +265,8 @@ def evaluate(chart: Chart, integrand: Integrand, geometry: np.ndarray, cells: Ce
     def measure(which: slice) -> None:
         for block in blocks[which]:
             along_u, along_v = order[block.start].tolist()
-            whole = bool(around[block.start])
-            rule_u, rule_v = midpoint(along_u) if whole else gauss(along_u), gauss(along_v)
+            whole = farthest if around[block.start] else 0.0
+            rule_u, rule_v = midpoint(along_u) if whole > 0.0 else gauss(along_u), gauss(along_v)
             wi, wo, h, weight = chart.nodes(
                 geometry[block], code[block], box[block], rule_u.nodes, rule_v.nodes
             )
@@ -366,11 +368,12 @@ def _outside(along, weights):
 
 
 @kernel
-def judge(along, weights, to_coefficients, around, spectrum, room):
-    """Fill the spectrum of a marginal; return its two bounds."""
+def judge(along, weights, to_coefficients, farthest, spectrum, room):
+    """Fill the spectrum of a marginal, around whole rings if the e-folds that may be claimed are
+    told; return its two bounds."""
     hidden = fill_spectrum(along, weights, to_coefficients, spectrum)
-    if around:
-        stop, report = bounds_around(spectrum[: along.size], room)
+    if farthest > 0.0:
+        stop, report = bounds_around(spectrum[: along.size], farthest, room)
     else:
         stop, report = bounds_of(spectrum[: along.size])
     return max(stop, hidden), max(report, hidden)
@@ -385,7 +388,7 @@ def _reduce(
     weights_v,
     to_u,
     to_v,
-    around,
+    farthest,
     value,
     error,
     tight,
@@ -411,11 +414,11 @@ def _reduce(
             along_u[i] = total
             modulus += absolute * weights_u[i]
         size[cell] = modulus
-        error[cell, 0], report = judge(along_u, weights_u, to_u, around, spectrum, room)
+        error[cell, 0], report = judge(along_u, weights_u, to_u, farthest, spectrum, room)
         value[cell] = spectrum[0]
         for j in range(min(p, MOMENTS)):
             moments[cell, 0, j] = spectrum[j]
-        error[cell, 1], other = judge(along_v, weights_v, to_v, False, spectrum, room)
+        error[cell, 1], other = judge(along_v, weights_v, to_v, 0.0, spectrum, room)
         for j in range(min(q, MOMENTS)):
             moments[cell, 1, j] = spectrum[j]
         for j in range(min(q, series.shape[1])):
@@ -452,6 +455,7 @@ def _sweep(
     nodes_around,
     weights_around,
     matrices_around,
+    farthest,
     block,
     value,
     error,
@@ -493,7 +497,7 @@ def _sweep(
             rule_weights[b, :b],
             _flat((matrices_around if whole else rule_matrices)[a], a, a),
             _flat(rule_matrices[b], b, b),
-            whole,
+            farthest if whole else 0.0,
             value,
             error,
             tight,
@@ -511,7 +515,7 @@ def compile_cells(charts: Iterable[Chart]) -> None:
     _sweep(
         *(0, np.empty(1), table, cells.code, cells.box, 0, table, np.empty(0)),
         *(cells.order, np.empty(0, dtype=bool), none, *rules_by_order(), *_rules_around()),
-        *(_INNER_BLOCK, *cells.measured),
+        *(0.0, _INNER_BLOCK, *cells.measured),
     )
     # Last: by now the kernels that they share with the panels are on disk.
     for chart in charts:

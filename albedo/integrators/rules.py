@@ -26,6 +26,13 @@ LADDER = (2, 3, 4, 5, 6, 8, 10, 12, 14, 16, 20, 24, 28, 32)
 """Numbers of nodes that cells may use."""
 RUNGS = (*LADDER, 36, 40, 44, 48, 52, 56, 60, 64)
 """Numbers of nodes around whole rings."""
+AROUND = {"smooth": 5.0, "entire": 10.0}
+"""The most e-folds that are claimed beyond the last coefficients of whole rings.
+
+Of a million spectra of real rings, of 8 nodes or more, none passed its bound by more than 1e-13 of
+the ring. With eight e-folds 1 of 200 smooth ones did, by up to five times; with twelve the worst of
+500,000 entire ones came to 0.9 of its bound, with sixteen to seven times.
+"""
 
 # A bound is safety * tail * exp(-fall over the next octave). Stopping as soon as a bound is small
 # selects the spectra that happen to look good, so the bound that stops a refinement is the wider
@@ -38,6 +45,8 @@ _REPORTED = (1.5, 4, 0.8, 0.8, 6.0)
 # Eight coefficients tell less of a rate.
 _SHORT, _SHORT_SAFETY = 8, 3.0
 _SHALLOW, _STEEP = 1.0, 1.5
+# From so many coefficients on entire series are told from others.
+_MANY = 16
 # Cosine series of p nodes fall by so much per coefficient at least, times p: what is narrower than
 # a fourth of a step may be anywhere. Coefficients below so many roundings of the largest are noise.
 _FLATTEST, _NOISE = 0.25, 8.0 * float(np.finfo(np.float64).eps)
@@ -188,7 +197,7 @@ def _rate(drop, n, m, least):
 
 
 @kernel
-def bounds_around(a, lifted):
+def bounds_around(a, farthest, lifted):
     """As `bounds_of`, from coefficients of cosines, of what has its peaks at the ends.
 
     Of a series that falls by r each time, p nodes see the coefficient k with its first alias,
@@ -199,6 +208,8 @@ def bounds_around(a, lifted):
     Parameters
     ----------
     a : ndarray, shape (p,)
+    farthest : float
+        Of `AROUND`.
     lifted : ndarray, shape (p,)
         Overwritten.
     """
@@ -216,13 +227,17 @@ def bounds_around(a, lifted):
             drop = math.log(abs(a[start] / a[end]))
             rate = min(rate, _rate(drop, float(p - start), float(p - end), _FLATTEST / p))
     if not rate < math.inf:
-        return bounds_of(a)
+        rate = 1.0
     noise = _NOISE * _largest(a, 0, p)
     lifted[0] = a[0]
     for k in range(1, p):
         lifted[k] = a[k]
         if abs(a[k]) > noise:
             lifted[k] /= -math.expm1(-2.0 * rate * (p - k))
-    stop, report = bounds_of(lifted[:p])
+    if p < _MANY:
+        farthest = min(farthest, _STOPPING[4])
     more = -1.0 / math.expm1(-2.0 * rate * p)
-    return more * stop, more * report
+    stop = more * _extrapolate(lifted[:p], *_STOPPING[:4], farthest)
+    if p < _SHORT:
+        return stop, 0.5 * stop
+    return stop, min(more * _extrapolate(lifted[:p], *_REPORTED), stop)
