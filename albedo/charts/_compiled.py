@@ -18,8 +18,9 @@ class CompiledChart:
     Attributes
     ----------
     around : {"none", "smooth", "entire"}
-        What an integrand is along u from 0 to 1, where it is even about both ends and peaks there:
-        analytic for real u, or nowhere else singular but far from it as well.
+        Panels from u = 0 to 1 are halves of something periodic, even about both ends and with its
+        peaks there, that is analytic around the ring, or has no singularities but those of the
+        chart. ``none`` promises nothing.
     """
 
     around: str = "none"
