@@ -81,7 +81,7 @@ def over(
     n = cosines.size
     integrand = ModelIntegrand(part.fill, np.tile(p, (n, 1)), np.ones(n))
     return integrate(
-        *(chart, integrand, cosines, np.zeros(n), np.tile(part.widths, (n, 1)), "smooth"),
+        *(chart, integrand, cosines, np.zeros(n), np.tile(part.widths, (n, 1)), True),
         rtol=rtol,
         atol=0.0,
         limit=limit,
@@ -189,7 +189,7 @@ def test_rings_cover_the_hemisphere_once(kind: str, kinks: str, width: float) ->
     ):
         found = integrate(
             *(chart, lambda row, wi, wo, h: np.ones(wo.shape[1:]), COSINES, np.zeros(n)),
-            *(np.full((n, 2), width), "smooth"),
+            *(np.full((n, 2), width), True),
             rtol=1e-10,
             atol=0.0,
             limit=10**6,
@@ -225,7 +225,7 @@ def test_half_spaces_of_axes_are_covered_once(axis: tuple[float, float]) -> None
     chart = RingsChart("axis", decay="algebraic", axis=axis)
     found = integrate(
         *(chart, lambda row, wi, wo, h: np.ones(wo.shape[1:]), COSINES, np.zeros(n)),
-        *(np.ones((n, 2)), "smooth"),
+        *(np.ones((n, 2)), True),
         rtol=1e-10,
         atol=1e-13,
         limit=10**6,
@@ -264,7 +264,7 @@ def test_the_height_of_the_light_is_an_end_of_panels() -> None:
     for axis in ((-1.0, 0.3), (1.0, 0.8), (-1.0, -0.1)):
         chart = RingsChart("axis", decay="algebraic", axis=axis)
         found = integrate(
-            *(chart, larger, c, np.zeros(3), np.ones((3, 2)), "smooth"),
+            *(chart, larger, c, np.zeros(3), np.ones((3, 2)), True),
             rtol=1e-11,
             atol=0.0,
             limit=10**4,
@@ -281,7 +281,7 @@ def test_levels_are_ends_of_panels() -> None:
 
     found = integrate(
         *(RingsChart("broad", levels=lambda c: np.full((c.size, 1), 0.3)), step, c, np.zeros(3)),
-        *(np.ones((3, 2)), "smooth"),
+        *(np.ones((3, 2)), True),
         rtol=1e-12,
         atol=0.0,
         limit=10**4,
@@ -298,7 +298,7 @@ def test_nothing_is_left_out_between_an_axis_and_a_level(kind: str, above: float
     chart = RingsChart(kind, levels=lambda c: np.sin(np.arcsin(c) + above)[:, None])
     found = integrate(
         *(chart, lambda row, wi, wo, h: 1.0 / h[2] ** 2, c, np.zeros(c.size)),
-        *(np.ones((c.size, 2)), "smooth"),
+        *(np.ones((c.size, 2)), True),
         rtol=1e-11,
         atol=0.0,
         limit=10**5,
@@ -418,7 +418,7 @@ def test_rings_that_want_more_nodes_than_there_are_rules_are_cut(times: float, c
     c = np.array([0.5])
     integrand = ModelIntegrand(part.fill, p, np.ones(1))
     done = refine(
-        *(wide, integrand, c, np.zeros(1), widths, "smooth"), rtol=1e-9, atol=0.0, limit=10**7
+        *(wide, integrand, c, np.zeros(1), widths, True), rtol=1e-9, atol=0.0, limit=10**7
     )
     assert (~whole_rings(wide, done.cells.box)).any() == cut
     # Gauss's rules end at 32.

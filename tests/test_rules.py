@@ -165,7 +165,8 @@ def _passed(p: int, width: np.ndarray, place: np.ndarray) -> dict[str, np.ndarra
         error = np.abs(coefficients[:, 0] - values(fine.nodes) @ fine.weights)
         # The reference adds up some thousand values.
         floor = 2e-14 * np.abs(coefficients[:, 0])
-        bound = np.array([bounds_around(row, AROUND["smooth"], room) for row in coefficients])
+        farthest = AROUND["entire" if name == "bell" else "smooth"]
+        bound = np.array([bounds_around(row, farthest, room) for row in coefficients])
         passed[name] = error[:, None] > bound + floor[:, None]
     return passed
 
@@ -181,7 +182,7 @@ def test_the_bound_covers_the_error_around_rings(p: int, rng: np.random.Generato
 
 @pytest.mark.parametrize("p", [p for p in RUNGS if p >= 8])
 def test_the_bound_covers_most_errors_of_peaks_anywhere(p: int, rng: np.random.Generator) -> None:
-    """Charts promise that there are none; two steps wide, some pass in 1 of 4,000."""
+    """Charts promise that there are none; two steps wide, up to 4 of 4,000 pass."""
     place = rng.uniform(0.0, 0.5 * np.pi, COUNT)
     for name, passed in _passed(p, np.geomspace(2.0 / p, 3.0, COUNT), place).items():
         assert passed[:, 0].mean() <= 0.005, name
